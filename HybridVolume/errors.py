@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""The one family of errors: what is wrong, on which faces, by how much, and what to do about it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+
+class HybridVolumeError(Exception):
+    """A failure that a user can understand and act on.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong, with the figure and its unit.
+    faces : sequence of str
+        Names of the CAD faces concerned, e.g. ``("Face7", "Face12")``.
+    figure : float, optional
+        The figure that decided (mm, or relative as the message says).
+    remedy : str
+        What the user can do.
+    """
+
+    code = "error"
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        faces: Sequence[str] = (),
+        figure: float | None = None,
+        remedy: str = "",
+    ) -> None:
+        self.message = message
+        self.faces = tuple(faces)
+        self.figure = figure
+        self.remedy = remedy
+        super().__init__(self.line)
+
+    @property
+    def line(self) -> str:
+        """The whole error in one line: faces, message, remedy."""
+        shown = ", ".join(self.faces[:8])
+        if len(self.faces) > 8:
+            shown += f" and {len(self.faces) - 8} more"
+        text = f"{shown}: {self.message}" if shown else self.message
+        return f"{text}; {self.remedy}" if self.remedy else text
+
+    def to_dict(self) -> dict:
+        """The error as plain values, for a worker's answer; :func:`from_dict` reverses it."""
+        return {
+            "code": self.code,
+            "message": self.message,
+            "faces": list(self.faces),
+            "figure": self.figure,
+            "remedy": self.remedy,
+        }
+
+
+class InputError(HybridVolumeError):
+    """The file or the body cannot be used as it is."""
+
+    code = "input"
+
+
+class TrimmedFaceError(InputError):
+    """A face is not the whole rectangle of its surface."""
+
+    code = "trimmed-face"
+
+
+class SeamError(InputError):
+    """A face meets itself along a seam."""
+
+    code = "seam"
+
+
+class DegenerateSideError(InputError):
+    """A side of a face has no length (a pole)."""
+
+    code = "degenerate-side"
+
+
+class GapError(InputError):
+    """Two sides that should meet are farther apart than the tolerance."""
+
+    code = "gap"
+
+
+class TJunctionError(InputError):
+    """A side is shared by more than one neighbour."""
+
+    code = "t-junction"
+
+
+class OpenBodyError(InputError):
+    """A side has no neighbour: the body is not closed."""
+
+    code = "open-body"
+
+
+class NonManifoldError(InputError):
+    """More than two faces meet at a side, or faces touch only in a point."""
+
+    code = "non-manifold"
+
+
+class OrientationError(InputError):
+    """Inside and outside of the body cannot be told."""
+
+    code = "orientation"
+
+
+class SingularSurfaceError(InputError):
+    """A patch is folded or singular: no shell can follow it."""
+
+    code = "singular-surface"
+
+
+class SelfIntersectionError(InputError):
+    """The body's surface cuts itself."""
+
+    code = "self-intersection"
+
+
+class ThicknessError(HybridVolumeError):
+    """No valid shell at any thickness was found."""
+
+    code = "thickness"
+
+
+class MesherError(HybridVolumeError):
+    """A tetrahedral mesher gave nothing usable."""
+
+    code = "mesher"
+
+
+class FileFormatError(HybridVolumeError):
+    """A stored result is damaged or of another version."""
+
+    code = "file-format"
+
+
+class SetupError(HybridVolumeError):
+    """Something that the work needs is not installed."""
+
+    code = "environment"
+
+
+class WorkerError(HybridVolumeError):
+    """The worker process died, was stopped, or answered nonsense."""
+
+    code = "worker"
+
+
+class FaultError(HybridVolumeError):
+    """A fault of our own: a check between two stages failed."""
+
+    code = "fault"
+
+
+def _family(cls: type[HybridVolumeError]) -> dict[str, type[HybridVolumeError]]:
+    found = {cls.code: cls}
+    for child in cls.__subclasses__():
+        found.update(_family(child))
+    return found
+
+
+def from_dict(values: dict) -> HybridVolumeError:
+    """Rebuild an error from :meth:`HybridVolumeError.to_dict`."""
+    cls = _family(HybridVolumeError).get(values.get("code", ""), HybridVolumeError)
+    return cls(
+        values["message"],
+        faces=values.get("faces", ()),
+        figure=values.get("figure"),
+        remedy=values.get("remedy", ""),
+    )
