@@ -76,8 +76,7 @@ def basis_functions(
         values[:, 1:] += left * ratio
     for p in range(degree - derivative + 1, degree + 1):
         width = (
-            knots[span[:, None] + np.arange(1, p + 1)]
-            - knots[span[:, None] + np.arange(1 - p, 1)]
+            knots[span[:, None] + np.arange(1, p + 1)] - knots[span[:, None] + np.arange(1 - p, 1)]
         )
         ratio = p * values / width
         values = np.zeros((len(x), p + 1))
@@ -145,7 +144,6 @@ def bezier_extraction(degree: int, knots: np.ndarray) -> tuple[np.ndarray, np.nd
         Bézier points of span e are ``operators[e] @ points[first[e] : first[e] + degree + 1]``.
     """
     values, counts = multiplicities(knots)
-    ne = len(values) - 1
     full = np.repeat(values, np.maximum(counts, degree))
     # inner knots that already stand degree + 1 times split the spline; keep them as they are
     matrix = insertion_matrix(degree, knots, full)
@@ -167,9 +165,7 @@ def bezier_elevation(degree: int, times: int) -> np.ndarray:
     return matrix
 
 
-def elevation_matrix(
-    degree: int, knots: np.ndarray, times: int
-) -> tuple[np.ndarray, np.ndarray]:
+def elevation_matrix(degree: int, knots: np.ndarray, times: int) -> tuple[np.ndarray, np.ndarray]:
     """Exact degree elevation.
 
     Returns
