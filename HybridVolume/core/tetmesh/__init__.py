@@ -1,0 +1,8 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""Tetrahedra: one door to the meshers, each of which runs in a process of its own."""
+
+from .door import available_engines, enclosed_volume, fill, free_only
+from .mesh import TetMesh
+
+__all__ = ["TetMesh", "available_engines", "enclosed_volume", "fill", "free_only"]
