@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""Runs every check and test of the project and closes with one sum; ``test.sh`` calls it.
+
+Usage: ``run_tests.py [RUN ...]`` with the names of :data:`RUNS`; all of them otherwise.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.etree import ElementTree
+
+PROJECT = Path(__file__).resolve().parent.parent
+DISTRIBUTION = "/usr/bin/python3"
+ENVIRONMENT = os.environ.get("HYBRIDVOLUME_PYTHON", "")
+TIME_LIMIT = 1800  # seconds a run: a hanging test must not hold a machine for hours
+NO_TESTS = 5  # pytest's exit code
+
+WITHOUT_SHARED_DATA = re.compile(r"shared", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Run:
+    """One call of pytest (``files``: patterns below tests/) or of another checker."""
+
+    name: str
+    purpose: str
+    python: str
+    files: tuple[str, ...] = ()
+    command: tuple[str, ...] = ()
+    variables: dict[str, str] = field(default_factory=dict)
+    strict_skips: bool = False
+
+
+RUNS = (
+    Run("lint", "ruff, rules", ENVIRONMENT, command=("-m", "ruff", "check", ".")),
+    Run("format", "ruff, format", ENVIRONMENT, command=("-m", "ruff", "format", "--check", ".")),
+    Run(
+        "core",
+        "core in the worker's environment",
+        ENVIRONMENT,
+        files=("test_core_*.py",),
+        strict_skips=True,
+    ),
+    Run(
+        "distribution",
+        "core in FreeCAD's Python with the distribution's numpy and scipy",
+        DISTRIBUTION,
+        files=(
+            "test_core_imports.py",
+            "test_core_bspline*.py",
+            "test_core_surface*.py",
+            "test_core_validity*.py",
+        ),
+    ),
+    Run(
+        "free-only",
+        "what the GPL parts serve, without them",
+        ENVIRONMENT,
+        files=("test_core_tetmesh*.py", "test_core_midstructure*.py", "test_core_pipeline*.py"),
+        variables={"HYBRIDVOLUME_FREE_ONLY": "1"},
+    ),
+    Run("freecad", "inside FreeCAD's Python", DISTRIBUTION, files=("test_freecad_*.py",)),
+    Run("gui", "FreeCAD's window under Xvfb", DISTRIBUTION, files=("test_gui_*.py",)),
+)
+
+
+@dataclass
+class Outcome:
+    """What one run gave: counts, skipped tests with their reasons, and why it failed as a whole."""
+
+    passed: int = 0
+    failed: int = 0
+    skipped: list[tuple[str, str]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+
+    @property
+    def line(self) -> str:
+        return f"{self.passed} passed, {self.failed} failed, {len(self.skipped)} skipped"
+
+
+def execute(run: Run) -> Outcome:
+    """Start a run, let it print, and count what it did."""
+    started = time.monotonic()
+    outcome = Outcome()
+    if run.command:
+        code = call([run.python, *run.command], run)
+        outcome.passed, outcome.failed = int(code == 0), int(code != 0)
+    else:
+        files = sorted({path for name in run.files for path in PROJECT.glob(f"tests/{name}")})
+        if not files:
+            outcome.notes.append("no test files")
+            return outcome
+        with tempfile.TemporaryDirectory(prefix="hybridvolume-") as scratch:
+            sheet = Path(scratch) / "results.xml"
+            names = [str(path.relative_to(PROJECT)) for path in files]
+            options = [f"--junitxml={sheet}", "--durations=5", "--durations-min=5"]
+            code = call([run.python, "-m", "pytest", *options, *names], run)
+            if sheet.is_file():
+                count(sheet, outcome)
+        expected = (0, NO_TESTS) if outcome.failed == 0 else (1,)
+        if code not in expected:
+            outcome.failed += 1
+            outcome.notes.append(f"pytest ended with code {code}")
+    outcome.seconds = time.monotonic() - started
+    return outcome
+
+
+def call(command: list[str], run: Run) -> int:
+    """Run a command in the project folder; its whole process group ends at the time limit."""
+    child = subprocess.Popen(
+        command,
+        cwd=PROJECT,
+        env={**os.environ, **run.variables},
+        stdin=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    try:
+        return child.wait(TIME_LIMIT)
+    except subprocess.TimeoutExpired:
+        return -signal.SIGKILL
+    finally:
+        if child.poll() is None:
+            os.killpg(child.pid, signal.SIGKILL)
+            child.wait()
+
+
+def count(sheet: Path, outcome: Outcome) -> None:
+    """Add up a JUnit file: a test with a failure or an error failed, once."""
+    for case in ElementTree.parse(sheet).iter("testcase"):
+        skipped = case.find("skipped")
+        if case.find("failure") is not None or case.find("error") is not None:
+            outcome.failed += 1
+        elif skipped is not None:
+            test = f"{case.get('classname', '')}::{case.get('name', '')}".lstrip(":")
+            outcome.skipped.append((test, skipped.get("message") or "no reason given"))
+        else:
+            outcome.passed += 1
+
+
+def wheels_left_out() -> set[str]:
+    """Names of the optional wheels that the environment cannot hold (none for this Python)."""
+    code = (
+        "import importlib.metadata as m\n"
+        "from HybridVolume.environment import requirements\n"
+        "names = {l.split('==')[0] for l in set(requirements()) - set(requirements(gpl=False))}\n"
+        "held = {d.metadata['Name'].lower() for d in m.distributions()}\n"
+        "print(*(names - held))"
+    )
+    answer = subprocess.run([ENVIRONMENT, "-c", code], capture_output=True, text=True, cwd=PROJECT)
+    return set(answer.stdout.split())
+
+
+def unexplained(run: Run, outcome: Outcome) -> list[str]:
+    """Tests that a strict run may not skip: only absent shared data or wheels excuse."""
+    if not run.strict_skips or not outcome.skipped:
+        return []
+    excused = [WITHOUT_SHARED_DATA] + [
+        re.compile(rf"\b{re.escape(name)}\b", re.IGNORECASE) for name in wheels_left_out()
+    ]
+    return [
+        test
+        for test, reason in outcome.skipped
+        if not any(pattern.search(reason) for pattern in excused)
+    ]
+
+
+def main(names: list[str]) -> int:
+    """Execute the named runs, print the sum, return the exit code."""
+    unknown = set(names) - {run.name for run in RUNS}
+    if unknown or not ENVIRONMENT:
+        known = " ".join(run.name for run in RUNS)
+        print(f"usage: ./test.sh [RUN ...], where RUN is one of: {known}", file=sys.stderr)
+        return 2
+    outcomes: dict[str, Outcome] = {}
+    bad = False
+    for run in RUNS:
+        if names and run.name not in names:
+            continue
+        print(f"\n=== {run.name}: {run.purpose}", flush=True)
+        outcomes[run.name] = outcome = execute(run)
+        for test in unexplained(run, outcome):
+            outcome.notes.append(f"skipped without an accepted reason: {test}")
+            bad = True
+        print("\n".join(f"{run.name}: {note}" for note in outcome.notes), flush=True)
+    reasons = Counter(
+        (name, reason) for name, outcome in outcomes.items() for _, reason in outcome.skipped
+    )
+    if reasons:
+        print("=== skipped")
+        for (name, reason), number in sorted(reasons.items()):
+            tests = [test for test, why in outcomes[name].skipped if why == reason]
+            print(f"{name}: {number} x {reason} ({', '.join(tests)})")
+    print("\n=== sum")
+    for name, outcome in outcomes.items():
+        print(f"{name + ':':14}{outcome.line} ({outcome.seconds:.0f} s)", *outcome.notes, sep="  ")
+    passed = sum(outcome.passed for outcome in outcomes.values())
+    failed = sum(outcome.failed for outcome in outcomes.values())
+    skipped = sum(len(outcome.skipped) for outcome in outcomes.values())
+    print(f"{passed} passed, {failed} failed, {skipped} skipped")
+    return int(failed > 0 or bad)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

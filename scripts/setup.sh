@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+# The set-up that run.sh and test.sh share; sourced by them, with $project set.
+# shellcheck shell=bash
+
+say() { printf 'set-up: %s\n' "$*" >&2; }
+
+# FreeCAD's side: FreeCAD with its Python, numpy and scipy, CalculiX, and a screen for pictures.
+packages_run=(
+    python3 python3-venv python3-numpy python3-scipy
+    freecad freecad-python3 calculix-ccx xvfb xauth
+)
+# Libraries that the wheels of gmsh, VTK and pytetwild load and do not bring.
+packages_run+=(
+    libgl1 libegl1 libglu1-mesa libgl1-mesa-dri libgomp1 libfontconfig1 libxcursor1 libxfixes3 libxft2
+    libxinerama1 libxrender1
+)
+# What the tests need besides.
+packages_test=(python3-pytest xdotool imagemagick git)
+
+# Prints the names of those packages that are not installed, a line each.
+absent_packages() {
+    local installed
+    installed=$(dpkg-query -W -f='${db:Status-Status} ${Package}\n' "$@" 2>/dev/null |
+        sed -n 's/^installed //p') || true
+    printf '%s\n' "$@" | grep -vxF -e "$installed" || true
+}
+
+# Runs a command as root, its output in a log that is shown only when it fails.
+as_root() {
+    local log status=0
+    log=$(mktemp)
+    if [ "$(id -u)" -eq 0 ]; then
+        env DEBIAN_FRONTEND=noninteractive "$@" </dev/null >"$log" 2>&1 || status=$?
+    elif [ -t 0 ]; then
+        sudo env DEBIAN_FRONTEND=noninteractive "$@" >"$log" 2>&1 || status=$?
+    else
+        sudo -n env DEBIAN_FRONTEND=noninteractive "$@" </dev/null >"$log" 2>&1 || status=$?
+    fi
+    if [ "$status" -ne 0 ]; then
+        tail -n 15 "$log" >&2
+    fi
+    rm -f "$log"
+    return "$status"
+}
+
+# Installs those of the named packages that are missing; ends the script when that cannot be done.
+need_packages() {
+    if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
+        if [ -x /usr/bin/python3 ]; then
+            return 0 # another distribution: what is missing says so itself
+        fi
+        say "this system has no apt; install FreeCAD, CalculiX, Xvfb and Python 3.11 or newer" \
+            "with venv yourself, then run this again"
+        exit 1
+    fi
+    local absent
+    mapfile -t absent < <(absent_packages "$@")
+    [ "${#absent[@]}" -eq 0 ] && return 0
+    local by_hand="apt-get install --no-install-recommends ${absent[*]}"
+    if [ "$(id -u)" -ne 0 ] && ! command -v sudo >/dev/null; then
+        say "packages are missing and this user may not install them; as root: $by_hand"
+        exit 1
+    fi
+    say "installing packages of the distribution: ${absent[*]}"
+    say "(with what they need up to 600 MB; this takes some minutes)"
+    if [ -n "$(dpkg --audit 2>/dev/null)" ]; then
+        say "finishing an installation that was interrupted"
+        as_root dpkg --configure -a || true
+    fi
+    local lock=(-o DPkg::Lock::Timeout=600)
+    as_root apt-get "${lock[@]}" update ||
+        say "the package lists could not be renewed; going on with those that are there"
+    if ! as_root apt-get "${lock[@]}" install -y --no-install-recommends "${absent[@]}"; then
+        say "the packages could not be installed; check the network, or run as root: $by_hand"
+        exit 1
+    fi
+}
+
+# need_environment [--free-only] [--development]: makes the worker's environment where it is not
+# there, and sets HYBRIDVOLUME_PYTHON to its interpreter. A value given by the caller is kept.
+need_environment() {
+    if [ -n "${HYBRIDVOLUME_PYTHON:-}" ]; then
+        say "using HYBRIDVOLUME_PYTHON=$HYBRIDVOLUME_PYTHON as it is"
+    else
+        HYBRIDVOLUME_PYTHON=$(/usr/bin/python3 -P -m HybridVolume.environment "$@") || exit 1
+    fi
+    export HYBRIDVOLUME_PYTHON
+}
+
+# Two scripts started at once in one project folder set up one after the other.
+if command -v flock >/dev/null && { exec 9>>"$project/.setup.lock"; } 2>/dev/null; then
+    flock -n 9 || { say "waiting for another set-up that is under way" && flock 9; }
+fi
+
+# A user's own modules and settings must not get into FreeCAD's Python or the environment's.
+unset PYTHONHOME
+export PYTHONPATH=$project PYTHONNOUSERSITE=1
