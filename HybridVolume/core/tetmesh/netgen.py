@@ -40,4 +40,5 @@ def fill(
         parameters["grading"] = grading
     mesh.GenerateVolumeMesh(mp=meshing.MeshingParameters(**parameters))
     tets = np.asarray(mesh.Elements3D().NumPy()["nodes"][:, :4], dtype=np.int64) - 1
-    return np.asarray(mesh.Coordinates(), dtype=float), tets
+    # a copy: netgen's arrays are views of memory that goes with the mesh
+    return np.array(mesh.Coordinates(), dtype=float), tets
