@@ -1,0 +1,8 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""Bodies from files and FreeCAD shapes. Runs in FreeCAD's Python, which it imports when needed."""
+
+from .shapes import Body, check_against_cad, read_object, read_shape
+from .step import read_file
+
+__all__ = ["Body", "check_against_cad", "read_file", "read_object", "read_shape"]

@@ -1,0 +1,370 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""FreeCAD shapes to bodies of untrimmed NURBS faces; what cannot be taken is refused by name."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .. import errors
+from ..core.surface import PatchSurface, SplineFace
+from .contacts import find_point_contacts
+from .faces import (
+    EXACT_TOLERANCE,
+    FaceReading,
+    Refusal,
+    distance_of_points,
+    random_parameters,
+    take_face,
+)
+
+logger = logging.getLogger(__name__)
+
+_UNTRIM = "give a body whose faces are whole, four-sided NURBS patches"
+
+
+@dataclass(frozen=True)
+class Body:
+    """One solid as the source gives it.
+
+    Attributes
+    ----------
+    name : str
+    faces : tuple of SplineFace
+        Named ``Face1``, ``Face2``, ... in FreeCAD's order; empty when the body is refused.
+    shape : Part.Solid
+        In global coordinates, mm.
+    error : InputError or None
+        Why the body is refused.
+    domains : tuple
+        For each face the rectangle ``(u0, u1, v0, v1)`` of its B-spline surface, or None where a
+        converted face has other parameters.
+    """
+
+    name: str
+    faces: tuple[SplineFace, ...]
+    shape: Any = field(repr=False)
+    error: errors.InputError | None = None
+    domains: tuple = ()
+
+
+def read_object(document_object: Any) -> list[Body]:
+    """Bodies of a FreeCAD document object, in global coordinates.
+
+    Parameters
+    ----------
+    document_object : App.DocumentObject
+        Anything with a shape: a Part feature, a PartDesign body, a Part container, a link.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_shape`.
+    """
+    import Part
+
+    shape = Part.getShape(document_object)
+    if hasattr(document_object, "getGlobalPlacement") and hasattr(document_object, "Placement"):
+        parent = document_object.getGlobalPlacement() * document_object.Placement.inverse()
+        shape = shape.copy()
+        shape.Placement = parent * shape.Placement
+    return read_shape(shape, document_object.Label)
+
+
+def read_shape(shape: Any, name: str = "Body") -> list[Body]:
+    """Bodies of a shape, one a solid.
+
+    Parameters
+    ----------
+    shape : Part.Shape
+        A solid, or anything that holds solids or closed shells.
+    name : str
+        Name of the body; several bodies get a number behind it.
+
+    Returns
+    -------
+    list of Body
+        Refused bodies carry their error; at least one is not refused.
+
+    Raises
+    ------
+    InputError
+        One of its kinds, when there is no solid or every body is refused.
+    """
+    if shape.isNull():
+        raise errors.InputError("the shape is empty", remedy="give a closed solid")
+    solids = _solids(shape)
+    if len(solids) == 1:
+        names = [name]
+    else:
+        names = [f"{name}_{i + 1}" for i in range(len(solids))]
+    bodies = [_read_solid(solid, own) for solid, own in zip(solids, names, strict=True)]
+    usable = [k for k, body in enumerate(bodies) if body.error is None]
+    contacts = find_point_contacts([solids[k] for k in usable], [names[k] for k in usable])
+    for k, error in zip(usable, contacts, strict=True):
+        if error is not None:
+            bodies[k] = Body(names[k], (), solids[k], error)
+    refused = [body for body in bodies if body.error is not None]
+    if len(refused) == len(bodies):
+        _raise_all(refused)
+    for body in refused:
+        logger.warning("%s is refused: %s", body.name, body.error.line)
+    return bodies
+
+
+def _raise_all(bodies: list[Body]) -> None:
+    first = bodies[0].error
+    if len(bodies) == 1:
+        raise first
+    raise type(first)(
+        f"{first.message} ({bodies[0].name}; {_count(len(bodies) - 1, 'more solid')} refused too)",
+        faces=first.faces,
+        figure=first.figure,
+        remedy=first.remedy,
+    ) from first
+
+
+def _solids(shape: Any) -> list:
+    """The solids of a shape; closed shells count when there are no solids."""
+    import Part
+
+    if shape.Solids:
+        loose = len(shape.Faces) - len({f.hashCode() for s in shape.Solids for f in s.Faces})
+        if loose > 0:
+            logger.warning("%d faces that belong to no solid are left out", loose)
+        return list(shape.Solids)
+    closed = [shell for shell in shape.Shells if shell.isClosed()]
+    if closed and len(closed) == len(shape.Shells):
+        return [Part.Solid(shell) for shell in closed]
+    if not shape.Faces:
+        raise errors.OpenBodyError(
+            f"there is no solid and no face, only {_count(len(shape.Edges), 'edge')}"
+            f" and {_count(len(shape.Vertexes), 'vertex', 'vertices')}",
+            figure=0.0,
+            remedy="give a closed solid",
+        )
+    free = _free_faces(shape.Faces)
+    raise errors.OpenBodyError(
+        f"there is no closed solid, only {_count(len(shape.Faces), 'loose face')}",
+        faces=free or [f"Face{i + 1}" for i in range(len(shape.Faces))],
+        figure=float(len(free)),
+        remedy="sew the faces and make a solid of them",
+    )
+
+
+def _count(number: int, one: str, many: str = "") -> str:
+    return f"{number} {one if number == 1 else many or one + 's'}"
+
+
+class EdgeUses:
+    """How often each edge of a set of faces is used, and by which faces."""
+
+    def __init__(self, faces: Iterable) -> None:
+        self._buckets: dict[int, list[tuple[Any, list[int]]]] = {}
+        for number, face in enumerate(faces):
+            for wire in face.Wires:
+                for edge in wire.childShapes(True, True):
+                    if not edge.Degenerated:
+                        self._slot(edge).append(number)
+
+    def _slot(self, edge: Any) -> list[int]:
+        bucket = self._buckets.setdefault(edge.hashCode(), [])
+        for known, uses in bucket:
+            if known.isSame(edge):
+                return uses
+        bucket.append((edge, []))
+        return bucket[-1][1]
+
+    def faces_where(self, count: Any) -> list[int]:
+        """Numbers of the faces with an edge whose number of uses satisfies ``count``."""
+        return sorted(
+            {
+                k
+                for bucket in self._buckets.values()
+                for _, uses in bucket
+                if count(len(uses))
+                for k in uses
+            }
+        )
+
+
+def _free_faces(faces: list) -> list[str]:
+    return _names(EdgeUses(faces).faces_where(lambda n: n == 1))
+
+
+def _names(numbers: Iterable[int]) -> list[str]:
+    return [f"Face{k + 1}" for k in numbers]
+
+
+def _read_solid(solid: Any, name: str) -> Body:
+    try:
+        readings = _take_faces(solid)
+    except errors.InputError as error:
+        return Body(name, (), solid, error)
+    faces = tuple(reading.face for reading in readings)
+    return Body(name, faces, solid, None, tuple(reading.domain for reading in readings))
+
+
+def _take_faces(solid: Any) -> list[FaceReading]:
+    faces = solid.Faces
+    box = solid.BoundBox
+    if not faces or not np.isfinite(box.DiagonalLength):
+        raise errors.InputError("the solid has no faces", remedy="give a closed solid")
+    uses = EdgeUses(faces)
+    crowded = uses.faces_where(lambda n: n > 2)
+    if crowded:
+        raise errors.NonManifoldError(
+            "more than two faces meet at an edge",
+            faces=_names(crowded),
+            figure=float(len(crowded)),
+            remedy="give solids that are joined in faces, or separate solids",
+        )
+    free = uses.faces_where(lambda n: n == 1)
+    if free:
+        raise errors.OpenBodyError(
+            f"the body is open: {_count(len(free), 'face')} of {len(faces)}"
+            f" {'has' if len(free) == 1 else 'have'} an edge without a neighbour",
+            faces=_names(free),
+            figure=float(len(free)),
+            remedy="close the body and make a solid of it",
+        )
+    found = [take_face(f, f"Face{i + 1}", box.DiagonalLength) for i, f in enumerate(faces)]
+    _refuse(faces, found)
+    return found
+
+
+_REASONS = {
+    "pole": (
+        errors.DegenerateSideError,
+        ("ends in a pole (a side without length)", "end in a pole (a side without length)"),
+        ("pole face", "pole faces"),
+        "rebuild the body with four-sided faces only",
+    ),
+    "seam": (
+        errors.SeamError,
+        ("meets itself along a seam", "meet themselves along a seam"),
+        ("seam face", "seam faces"),
+        "split the face along iso-parameter lines",
+    ),
+    "t-junction": (
+        errors.TJunctionError,
+        ("has a side that two neighbours share", "have a side that two neighbours share"),
+        ("face with T-junctions", "faces with T-junctions"),
+        "split the face at the vertex in its side",
+    ),
+    "trimmed": (
+        errors.TrimmedFaceError,
+        ("is trimmed", "are trimmed"),
+        ("trimmed face", "trimmed faces"),
+        _UNTRIM,
+    ),
+    "inexact": (
+        errors.InputError,
+        ("has no exact NURBS form", "have no exact NURBS form"),
+        ("face without exact NURBS form", "faces without exact NURBS form"),
+        "convert the body to NURBS first",
+    ),
+}
+"""Kinds of refusal, the most telling first: class, words and names (one, many), remedy."""
+
+
+def _refuse(faces: list, found: list[FaceReading | Refusal]) -> None:
+    """Raise one error for all the faces of a body that cannot be taken."""
+    by_kind: dict[str, list[int]] = {}
+    for k, reading in enumerate(found):
+        if isinstance(reading, Refusal):
+            by_kind.setdefault(reading.kind, []).append(k)
+    stops = _t_junctions(faces, found)
+    if stops:
+        by_kind["t-junction"] = stops
+    kinds = [kind for kind in _REASONS if kind in by_kind]
+    if not kinds:
+        return
+    first, numbers = kinds[0], by_kind[kinds[0]]
+    error, words, _, remedy = _REASONS[first]
+    message = f"{len(numbers)} of {_count(len(faces), 'face')} {words[len(numbers) > 1]}"
+    figure = float(len(numbers))
+    if first == "inexact":
+        figure = max(found[k].figure for k in numbers)
+        message += f" (off by {figure:.2g} mm)"
+    others = [_count(len(by_kind[kind]), *_REASONS[kind][2]) for kind in kinds[1:]]
+    if others:
+        message += "; besides " + ", ".join(others)
+    splines = ("Part::GeomBSplineSurface", "Part::GeomBezierSurface")
+    if not any(face.Surface.TypeId in splines for face in faces):
+        message += "; none of its faces is a B-spline face"
+    raise error(message, faces=_names(numbers), figure=figure, remedy=remedy)
+
+
+def _t_junctions(faces: list, found: list[FaceReading | Refusal]) -> list[int]:
+    """Faces with a vertex in a side that is a corner of another face.
+
+    A vertex that stands in the middle of a side for every face around it does no harm.
+    """
+    middle: dict[int, list[tuple[Any, set[int]]]] = {}
+    for k, reading in enumerate(found):
+        for vertex in reading.vertices if isinstance(reading, FaceReading) else ():
+            bucket = middle.setdefault(vertex.hashCode(), [])
+            for known, owners in bucket:
+                if known.isSame(vertex):
+                    owners.add(k)
+                    break
+            else:
+                bucket.append((vertex, {k}))
+    if not middle:
+        return []
+    stopped: set[int] = set()
+    for k, face in enumerate(faces):
+        for vertex in face.Vertexes:
+            for known, owners in middle.get(vertex.hashCode(), ()):
+                if known.isSame(vertex) and k not in owners:
+                    stopped |= owners
+    return sorted(stopped)
+
+
+def check_against_cad(body: Body, surface: PatchSurface) -> float:
+    """Largest distance of 25 random points a face between the patches and the CAD faces.
+
+    Parameters
+    ----------
+    body : Body
+    surface : PatchSurface
+        Built from ``body.faces``, one patch a face in their order.
+
+    Returns
+    -------
+    float
+        mm. Where the welding moved a side by more than 1e-9 of the diagonal, that shows here.
+
+    Raises
+    ------
+    FaultError
+        When the deviation exceeds 1e-9 of the diagonal and no welding explains it.
+    """
+    faces = body.shape.Faces
+    worst = 0.0
+    for k, (given, patch) in enumerate(zip(body.faces, surface.patches, strict=True)):
+        face = faces[int(given.name.removeprefix("Face")) - 1]
+        u, v = random_parameters(k)
+        deviation = distance_of_points(surface.evaluate(k, u, v), u, v, face, body.domains[k])
+        if body.domains[k] is not None:
+            # turning a patch over exchanges its parameters
+            turned = surface.evaluate(k, v, u)
+            other = distance_of_points(turned, u, v, face, body.domains[k])
+            deviation = min(deviation, other)
+        moved = float(surface.moved[k]) if len(surface.moved) else 0.0
+        if deviation > EXACT_TOLERANCE * surface.diagonal + moved:
+            raise errors.FaultError(
+                f"the patch is {deviation:.2g} mm away from its CAD face, allowed"
+                f" {EXACT_TOLERANCE * surface.diagonal:.2g} mm",
+                faces=[patch.face],
+                figure=deviation,
+                remedy="please report this body",
+            )
+        worst = max(worst, deviation)
+    return worst
