@@ -34,7 +34,7 @@ OLDEST_PYTHON = (3, 11)
 STAMP = "hybridvolume.json"
 
 # What a user is told before the first installation, and what the disk must have room for.
-DOWNLOAD_MB = 430
+DOWNLOAD_MB = 340
 INSTALLED_MB = 1300
 
 # Imported once after an installation, by the name of the wheel: a wheel that came but cannot be
@@ -209,6 +209,7 @@ def _complete(folder: Path, absent: Sequence[str], lock: int, report: Report) ->
     """Install the absent requirements into the environment; the caller holds the lock."""
     stamp = _read_stamp(folder)
     python = interpreter(folder)
+    amount = ""
     if stamp is None or _version_of(python) != stamp["python"]:
         _require_room(folder.parent)
         if folder.exists():
@@ -223,8 +224,9 @@ def _complete(folder: Path, absent: Sequence[str], lock: int, report: Report) ->
         report(f"making the environment {folder} with {base}")
         _run([base, "-I", "-m", "venv", str(folder)], lock, "the environment was not made")
         stamp = {"python": _version_of(python), "requirements": []}
+        amount = f", about {DOWNLOAD_MB} MB"
     (folder / STAMP).unlink(missing_ok=True)
-    report(f"installing {len(absent)} wheels (up to {DOWNLOAD_MB} MB are fetched)")
+    report(f"installing {len(absent)} wheels{amount}")
     _install_wheels(python, absent, lock, report)
     report("checking that the wheels load")
     _check(python, absent, report)
