@@ -275,7 +275,7 @@ def _natural(names: set[str]) -> list[str]:
 
 def _conform(nets: list[_Net], partner: np.ndarray, reverse: np.ndarray) -> None:
     """Give every strip of patches one degree and one knot vector."""
-    label, turn, symmetric = _strips(partner, reverse)
+    label, turn, symmetric = direction_strips(partner, reverse)
     for strip in range(label.max() + 1):
         members = np.argwhere(label == strip)
         degree = max(nets[k].degrees[d] for k, d in members)
@@ -301,8 +301,27 @@ def _conform(nets: list[_Net], partner: np.ndarray, reverse: np.ndarray) -> None
                 net.knots[d] = wanted
 
 
-def _strips(partner: np.ndarray, reverse: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[bool]]:
-    """Directions that must agree: label (np, 2), whether turned round (np, 2), self-reversed."""
+def direction_strips(
+    partner: np.ndarray, reverse: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, list[bool]]:
+    """Parameter directions of patches that must agree because their sides meet.
+
+    Parameters
+    ----------
+    partner : (np, 4, 2) int array
+        Patch and side that meet each side.
+    reverse : (np, 4) bool array
+        Whether the partner runs the other way.
+
+    Returns
+    -------
+    label : (np, 2) int array
+        Strip of each patch's u and v.
+    turn : (np, 2) bool array
+        Whether the patch runs against its strip.
+    symmetric : list of bool
+        Strips that meet themselves the other way round, like a Möbius band.
+    """
     count = len(partner)
     label = np.full((count, 2), -1)
     turn = np.zeros((count, 2), dtype=bool)

@@ -345,9 +345,20 @@ class PatchSurface:
         uu, vv = np.meshgrid(u, v, indexing="ij")
         return self.evaluate(patch, uu.ravel(), vv.ravel()).reshape(len(u), len(v), 3)
 
-    def element_samples(self, u: np.ndarray, v: np.ndarray) -> ElementSamples:
-        """Matrices that sample every element at a tensor grid of its own parameters in [0, 1]."""
-        return _element_samples(self, np.asarray(u, float), np.asarray(v, float))
+    def element_samples(
+        self, u: np.ndarray, v: np.ndarray, elements: np.ndarray | None = None
+    ) -> ElementSamples:
+        """Matrices that sample elements at a tensor grid of their own parameters in [0, 1].
+
+        Parameters
+        ----------
+        u, v : (mu,), (mv,) arrays
+        elements : (ne,) int array, optional
+            Which elements, in this order; all by default.
+        """
+        if elements is None:
+            elements = np.arange(self.element_count)
+        return _element_samples(self, np.asarray(u, float), np.asarray(v, float), elements)
 
     def _integrate(self, integrand: Callable) -> np.ndarray:
         """Integral of a function of (x, x_u, x_v) over each element; more points until it stands.
@@ -543,18 +554,35 @@ def _element_groups(patches: tuple[Patch, ...]) -> tuple[ElementGroup, ...]:
     )
 
 
-def _element_samples(surface: PatchSurface, u: np.ndarray, v: np.ndarray) -> ElementSamples:
-    ne, n = surface.element_count, len(surface.control_points)
+def _subset(group: ElementGroup, place_of: np.ndarray) -> ElementGroup:
+    """The elements of a group that have a place, numbered by their places."""
+    place = place_of[group.element]
+    keep = place >= 0
+    parts = (group.patch, group.index, group.weights, group.extraction_u, group.extraction_v)
+    return ElementGroup(
+        group.degrees, place[keep], *(a[keep] for a in parts), group.low[keep], group.high[keep]
+    )
+
+
+def _element_samples(
+    surface: PatchSurface, u: np.ndarray, v: np.ndarray, elements: np.ndarray
+) -> ElementSamples:
+    ne, n = len(elements), len(surface.control_points)
     count = len(u) * len(v)
+    place_of = np.full(surface.element_count, -1)
+    place_of[elements] = np.arange(ne)
+    groups = [_subset(group, place_of) for group in surface.groups]
     counts = np.zeros(ne, dtype=int)
-    for group in surface.groups:
-        counts[group.element] = group.index[0].size
+    for group in groups:
+        counts[group.element] = group.index[0].size if len(group.element) else 0
     row_start = np.concatenate([[0], np.cumsum(np.repeat(counts, count))])
     size = row_start[-1]
     columns = np.zeros(size, dtype=np.int64)
     data = {name: np.zeros(size) for name in ("n", "u", "v")}
     factor = np.zeros(size)
-    for group in surface.groups:
+    for group in groups:
+        if not len(group.element):
+            continue
         p, q = group.degrees
         local = (p + 1) * (q + 1)
         lines = {}

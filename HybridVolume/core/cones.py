@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""The direction that a set of normals has most in common."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def most_inward(vectors: np.ndarray, valid: np.ndarray, rounds: int = 200) -> np.ndarray:
+    """Directions d that make the smallest n . d over a set of unit vectors as large as possible.
+
+    The point of the convex hull of the vectors nearest to the origin, by Frank-Wolfe steps.
+
+    Parameters
+    ----------
+    vectors : (m, k, 3) array
+    valid : (m, k) bool array
+        Which of the k vectors count.
+    rounds : int
+
+    Returns
+    -------
+    (m, 3) array of unit vectors (zero where the hull contains the origin)
+    """
+    weight = valid / valid.sum(axis=1, keepdims=True)
+    d = np.einsum("mk,mki->mi", weight, vectors)
+    best, best_margin = d.copy(), np.full(len(d), -np.inf)
+    rows = np.arange(len(d))
+    for _ in range(rounds):
+        along = np.where(valid, np.einsum("mki,mi->mk", vectors, d), np.inf)
+        worst = along.argmin(axis=1)
+        length = np.linalg.norm(d, axis=1)
+        margin = along[rows, worst] / np.maximum(length, 1e-300)
+        better = margin > best_margin
+        best[better], best_margin[better] = d[better], margin[better]
+        step = vectors[rows, worst] - d
+        size = np.einsum("mi,mi->m", step, step)
+        share = np.clip(-np.einsum("mi,mi->m", d, step) / np.maximum(size, 1e-300), 0.0, 1.0)
+        if np.all(share < 1e-7):
+            break
+        d = d + share[:, None] * step
+    length = np.linalg.norm(best, axis=1, keepdims=True)
+    return np.where(length > 1e-12, best / np.maximum(length, 1e-300), 0.0)

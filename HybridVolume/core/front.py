@@ -1,0 +1,324 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""The front: how far each control point moves to reach the level w = w0 (section 3.2).
+
+The paper traces paths along the gradient. Near a convex edge of angle a the exact gradient flow
+takes the parameter s to s**(pi / a), so the map has no Jacobian there. The front is therefore
+solved: displacements of the Greville points are as smooth as the net allows (graph Laplacian) and
+are pulled softly to the level along the gradient; points where the field says nothing follow their
+neighbours.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import LinearOperator, cg
+
+from .. import errors
+from .cones import most_inward
+from .harmonic import HarmonicField
+from .surface import PatchSurface
+
+logger = logging.getLogger(__name__)
+
+LEVELS = 6
+ITERATIONS = 4
+MARGIN = 5e-3
+"""Smallest n . d at which a direction d counts as inward of a normal n."""
+
+
+@dataclass(frozen=True)
+class ColumnFrame:
+    """What a column at each control point has to respect.
+
+    Attributes
+    ----------
+    nodes : (n, 3) array
+        Surface points at the Greville abscissae, s(t_l).
+    normals : (m, 3) array
+        Inward unit normals of all patches that meet at the nodes.
+    normal_node : (m,) int array
+        Node of each normal.
+    direction : (n, 3) array
+        Unit direction that is most inward for all normals of the node.
+    margin : (n,) array
+        Smallest n . d of that direction.
+    edges : (ne, 2) int array
+        Edges of the control net.
+    conductance : (ne,) array
+        Dual length over length of each edge.
+    area : (n,) array
+        Dual area of each node, mm².
+    spacing : (n,) array
+        Length of the shortest net edge at each node, mm.
+    """
+
+    nodes: np.ndarray
+    normals: np.ndarray
+    normal_node: np.ndarray
+    direction: np.ndarray
+    margin: np.ndarray
+    edges: np.ndarray
+    conductance: np.ndarray
+    area: np.ndarray
+    spacing: np.ndarray
+
+    def least_cosine(self, displacement: np.ndarray) -> np.ndarray:
+        """Smallest n . D over the normals of each node, (n,)."""
+        along = np.einsum("mi,mi->m", self.normals, displacement[self.normal_node])
+        found = np.full(len(self.nodes), np.inf)
+        np.minimum.at(found, self.normal_node, along)
+        return found
+
+    def mean_normal_length(self, displacement: np.ndarray) -> np.ndarray:
+        """Mean of n . D over the normals of each node, (n,)."""
+        along = np.einsum("mi,mi->m", self.normals, displacement[self.normal_node])
+        count = np.bincount(self.normal_node, minlength=len(self.nodes))
+        return np.bincount(self.normal_node, along, len(self.nodes)) / count
+
+    def laplacian(self) -> sparse.csr_matrix:
+        """Graph Laplacian of the net, (n, n)."""
+        n = len(self.nodes)
+        a, b = self.edges.T
+        adjacency = sparse.coo_matrix((self.conductance, (a, b)), shape=(n, n))
+        adjacency = (adjacency + adjacency.T).tocsr()
+        return sparse.diags(np.asarray(adjacency.sum(axis=1)).ravel()) - adjacency
+
+    def smooth(self, values: np.ndarray, sweeps: int, *, least: bool = False) -> np.ndarray:
+        """Average (or take the least) of node values over neighbours, some sweeps."""
+        a, b = self.edges.T
+        for _ in range(sweeps):
+            if least:
+                fresh = values.copy()
+                np.minimum.at(fresh, a, values[b])
+                np.minimum.at(fresh, b, values[a])
+            else:
+                count = np.bincount(self.edges.ravel(), minlength=len(values))
+                total = np.bincount(a, values[b], len(values)) + np.bincount(
+                    b, values[a], len(values)
+                )
+                fresh = 0.5 * (values + total / np.maximum(count, 1))
+            values = fresh
+        return values
+
+
+def column_frame(surface: PatchSurface) -> ColumnFrame:
+    """Nodes, normals, net edges and most inward directions of all control points."""
+    mesh = surface.triangulation("greville")
+    nodes = mesh.vertices
+    n = len(nodes)
+    normals, owners, edges, conductance = [], [], [], []
+    area = np.zeros(n)
+    for k, grid in enumerate(mesh.grids):
+        uu, vv = np.meshgrid(mesh.grid_u[k], mesh.grid_v[k], indexing="ij")
+        _, x_u, x_v = surface.evaluate(k, uu.ravel(), vv.ravel(), 1)
+        normals.append(-np.cross(x_u, x_v))
+        owners.append(grid.ravel())
+        x = nodes[grid]
+        du = np.linalg.norm(np.diff(x, axis=0), axis=2)
+        dv = np.linalg.norm(np.diff(x, axis=1), axis=2)
+        across_u = 0.5 * (dv[:-1] + dv[1:])  # mean length across a cell, (nu-1, nv-1)
+        across_v = 0.5 * (du[:, :-1] + du[:, 1:])
+        dual_u = 0.5 * (np.pad(across_u, ((0, 0), (0, 1))) + np.pad(across_u, ((0, 0), (1, 0))))
+        dual_v = 0.5 * (np.pad(across_v, ((0, 1), (0, 0))) + np.pad(across_v, ((1, 0), (0, 0))))
+        for ends, dual, length in (
+            ((grid[:-1], grid[1:]), dual_u, du),
+            ((grid[:, :-1], grid[:, 1:]), dual_v, dv),
+        ):
+            edges.append(np.column_stack([ends[0].ravel(), ends[1].ravel()]))
+            floor = 1e-3 * np.median(length)
+            conductance.append((dual / np.maximum(length, floor)).ravel())
+        cell = across_u * across_v / 4.0
+        for corner in (grid[:-1, :-1], grid[1:, :-1], grid[:-1, 1:], grid[1:, 1:]):
+            np.add.at(area, corner, cell)
+    normals, owners = np.concatenate(normals), np.concatenate(owners)
+    edges, conductance = np.concatenate(edges), np.concatenate(conductance)
+    size = np.linalg.norm(normals, axis=1)
+    regular = size > 1e-9 * np.median(size)
+    normals, owners = normals[regular] / size[regular, None], owners[regular]
+    lengths = np.linalg.norm(nodes[edges[:, 0]] - nodes[edges[:, 1]], axis=1)
+    spacing = np.full(n, np.inf)
+    np.minimum.at(spacing, edges[:, 0], lengths)
+    np.minimum.at(spacing, edges[:, 1], lengths)
+    direction = _directions(n, normals, owners)
+    frame = ColumnFrame(
+        nodes, normals, owners, direction, np.zeros(n), edges, conductance, area, spacing
+    )
+    return ColumnFrame(
+        nodes,
+        normals,
+        owners,
+        direction,
+        frame.least_cosine(direction),
+        edges,
+        conductance,
+        area,
+        spacing,
+    )
+
+
+def _directions(n: int, normals: np.ndarray, owners: np.ndarray) -> np.ndarray:
+    order = np.argsort(owners, kind="stable")
+    counts = np.bincount(owners, minlength=n)
+    start = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    direction = np.zeros((n, 3))
+    for count in np.unique(counts[counts > 0]):
+        members = np.flatnonzero(counts == count)
+        rows = order[start[members][:, None] + np.arange(count)]
+        if count == 1:
+            direction[members] = normals[rows[:, 0]]
+        else:
+            direction[members] = most_inward(normals[rows], np.ones(rows.shape, dtype=bool))
+    return direction
+
+
+def check_surface(surface: PatchSurface, frame: ColumnFrame) -> None:
+    """Refuse patches that no shell can follow: folded, singular, or without an inward direction.
+
+    A straight column has one direction at each place, so the inward normals of a knot span, and
+    those of all patches at a control point, must leave one direction that is inward for all.
+
+    Raises
+    ------
+    SingularSurfaceError
+        Naming the faces, with the place in parameters.
+    """
+    x = np.linspace(0.0, 1.0, 9)
+    samples = surface.element_samples(x, x)
+    _, x_u, x_v = samples.surface(surface.control_points)
+    normals = -np.cross(x_u, x_v).reshape(-1, samples.count, 3)
+    size = np.linalg.norm(normals, axis=2)
+    singular = size.min(axis=1) < 1e-6 * size.max(axis=1)
+    unit = normals / np.maximum(size, 1e-300)[..., None]
+    mean = unit.mean(axis=1)
+    margin = np.einsum("eki,ei->ek", unit, mean).min(axis=1)
+    doubtful = np.flatnonzero((margin < 0.1) & ~singular)
+    if len(doubtful):
+        found = most_inward(unit[doubtful], np.ones((len(doubtful), samples.count), dtype=bool))
+        margin[doubtful] = np.einsum("eki,ei->ek", unit[doubtful], found).min(axis=1)
+    bad = singular | (margin <= MARGIN)
+    if bad.any():
+        raise _singular(surface, np.flatnonzero(bad), singular, size, x)
+    stuck = np.flatnonzero(frame.margin <= MARGIN)
+    if len(stuck):
+        faces = [p.face for p in surface.patches if np.isin(p.index, stuck).any()]
+        where = ", ".join(f"({a:.4g}, {b:.4g}, {c:.4g})" for a, b, c in frame.nodes[stuck[:3]])
+        raise errors.SingularSurfaceError(
+            f"no direction is inward for all faces that meet at {where} mm"
+            f" (best n . d = {frame.margin[stuck].min():.2g})",
+            faces=_unique(faces),
+            figure=float(frame.margin[stuck].min()),
+            remedy="open the corner or split the body there",
+        )
+
+
+def _singular(
+    surface: PatchSurface, bad: np.ndarray, singular: np.ndarray, size: np.ndarray, x: np.ndarray
+) -> errors.SingularSurfaceError:
+    places: dict[str, str] = {}
+    for group in surface.groups:
+        for row in np.flatnonzero(np.isin(group.element, bad)):
+            element = group.element[row]
+            face = surface.patches[group.patch[row]].face
+            if face in places:
+                continue
+            i, j = np.unravel_index(size[element].argmin(), (len(x), len(x)))
+            u, v = group.low[row] + np.array([x[i], x[j]]) * (group.high[row] - group.low[row])
+            what = "the derivative vanishes" if singular[element] else "the normal turns over"
+            places[face] = f"{what} near u = {u:.4g}, v = {v:.4g}"
+    faces = sorted(places, key=lambda name: (len(name), name))
+    return errors.SingularSurfaceError(
+        f"{len(bad)} knot spans are folded or singular, no shell can follow them"
+        f" ({places[faces[0]]} of {faces[0]})",
+        faces=faces,
+        figure=float(len(bad)),
+        remedy="rebuild these faces with a regular parametrisation",
+    )
+
+
+def _unique(names: Sequence[str]) -> list[str]:
+    return sorted(set(names), key=lambda name: (len(name), name))
+
+
+def solve_front(
+    surface: PatchSurface, frame: ColumnFrame, field: HarmonicField, w0: float
+) -> np.ndarray:
+    """Displacements that take the surface to the level ``w0``.
+
+    Parameters
+    ----------
+    surface : PatchSurface
+    frame : ColumnFrame
+    field : HarmonicField
+    w0 : float
+
+    Returns
+    -------
+    (n, 3) array
+        One displacement a control point, mm.
+    """
+    n = len(frame.nodes)
+    diagonal = surface.diagonal
+    stiffness = frame.laplacian()
+    degree = stiffness.diagonal()
+    pull = 3.0 * degree + frame.area / (0.01 * diagonal) ** 2
+    blocks = sparse.kron(stiffness, sparse.eye(3), format="csr")
+    displacement = 1e-3 * diagonal * frame.direction
+    displacement *= np.minimum(1.0, 0.5 * frame.spacing / (1e-3 * diagonal))[:, None]
+    rows = 3 * np.arange(n)[:, None, None] + np.arange(3)[:, None] + np.zeros(3, dtype=int)
+    columns = np.swapaxes(rows, 1, 2)
+    for step in range(1, LEVELS + 1):
+        level = w0 * step / LEVELS
+        for _ in range(ITERATIONS if step < LEVELS else ITERATIONS + 6):
+            w, gradient, inside = field.evaluate(frame.nodes + displacement)
+            steepness = np.linalg.norm(gradient, axis=1)
+            median = np.median(steepness[inside]) if inside.any() else 1.0
+            normal = gradient / np.maximum(steepness, 1e-300)[:, None]
+            # on edges and on the midstructure the gradient vanishes: the cone says the way
+            flat = steepness < 0.1 * median
+            normal[flat] = frame.direction[flat]
+            along = np.einsum("li,li->l", normal, displacement)
+            way = np.clip(
+                (level - w) / np.maximum(steepness, 0.15 * median),
+                -0.015 * diagonal,
+                0.015 * diagonal,
+            )
+            free = ~inside | (np.einsum("li,li->l", normal, frame.direction) < 0.05)
+            rho = np.where(free, 0.0, pull)
+            if free.all():
+                rho = pull
+            outer = rho[:, None, None] * normal[:, :, None] * normal[:, None, :]
+            matrix = blocks + sparse.csr_matrix(
+                (outer.ravel(), (rows.ravel(), columns.ravel())), shape=(3 * n, 3 * n)
+            )
+            right = (rho * (along + way))[:, None] * normal
+            displacement = _solve_blocks(matrix, outer, degree, right, displacement)
+    return displacement
+
+
+def _solve_blocks(
+    matrix: sparse.csr_matrix,
+    outer: np.ndarray,
+    degree: np.ndarray,
+    right: np.ndarray,
+    start: np.ndarray,
+) -> np.ndarray:
+    inverse = np.linalg.inv(outer + degree[:, None, None] * np.eye(3))
+    size = matrix.shape[0]
+
+    def precondition(x: np.ndarray) -> np.ndarray:
+        return np.einsum("lij,lj->li", inverse, x.reshape(-1, 3)).ravel()
+
+    operator = LinearOperator((size, size), matvec=precondition)
+    target = right.ravel()
+    # the relative tolerance is called tol up to scipy 1.11 and rtol later: use the absolute one
+    scale = float(np.linalg.norm(target)) or 1.0
+    solution, failed = cg(matrix, target, x0=start.ravel(), atol=1e-5 * scale, M=operator)
+    if failed < 0:
+        raise errors.FaultError("the front's linear system broke down", remedy="report this body")
+    return solution.reshape(-1, 3)
