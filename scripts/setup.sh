@@ -5,10 +5,9 @@
 
 say() { printf 'set-up: %s\n' "$*" >&2; }
 
-# FreeCAD's side: FreeCAD with its Python, numpy and scipy, CalculiX, and a screen for pictures.
+# FreeCAD's side: FreeCAD with its Python, numpy and scipy, and a screen for pictures.
 packages_run=(
-    python3 python3-venv python3-numpy python3-scipy
-    freecad freecad-python3 calculix-ccx xvfb xauth
+    python3 python3-venv python3-numpy python3-scipy freecad freecad-python3 xvfb xauth
 )
 # Libraries that the wheels of gmsh, VTK and pytetwild load and do not bring.
 packages_run+=(
@@ -17,6 +16,8 @@ packages_run+=(
 )
 # What the tests need besides.
 packages_test=(python3-pytest xdotool imagemagick git)
+# Taken where the distribution has them (Debian 13 has no CalculiX): only the solving needs it.
+packages_optional=(calculix-ccx)
 
 # Prints the names of those packages that are not installed, a line each.
 absent_packages() {
@@ -44,7 +45,16 @@ as_root() {
     return "$status"
 }
 
-# Installs those of the named packages that are missing; ends the script when that cannot be done.
+# Prints the names of those packages that the distribution offers, a line each.
+offered_packages() {
+    [ $# -gt 0 ] || return 0
+    LC_ALL=C apt-cache policy "$@" 2>/dev/null |
+        awk '/^[^ ]+:$/ { name = substr($1, 1, length($1) - 1) }
+             /^  Candidate: / && $2 != "(none)" { print name }'
+}
+
+# Installs those of the named packages that are missing, and of the optional ones those that the
+# distribution offers; ends the script when that cannot be done.
 need_packages() {
     if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
         if [ -x /usr/bin/python3 ]; then
@@ -54,28 +64,42 @@ need_packages() {
             "with venv yourself, then run this again"
         exit 1
     fi
-    local absent
+    local absent optional lock=(-o DPkg::Lock::Timeout=600)
     mapfile -t absent < <(absent_packages "$@")
-    [ "${#absent[@]}" -eq 0 ] && return 0
-    local by_hand="apt-get install --no-install-recommends ${absent[*]}"
-    if [ "$(id -u)" -ne 0 ] && ! command -v sudo >/dev/null; then
-        say "packages are missing and this user may not install them; as root: $by_hand"
+    mapfile -t optional < <(absent_packages "${packages_optional[@]}")
+    if [ "${#absent[@]}" -eq 0 ]; then
+        # The package lists that are there tell what is offered, without any network.
+        mapfile -t optional < <(offered_packages "${optional[@]}")
+        { [ "${#optional[@]}" -gt 0 ] && may_install; } || return 0
+    elif ! may_install; then
+        say "packages are missing and this user may not install them; as root:" \
+            "apt-get install --no-install-recommends ${absent[*]}"
         exit 1
     fi
+    say "reading the distribution's package lists"
+    as_root apt-get "${lock[@]}" update ||
+        say "they could not be renewed; going on with those that are there"
+    mapfile -t optional < <(offered_packages "${optional[@]}")
+    absent+=("${optional[@]}")
     say "installing packages of the distribution: ${absent[*]}"
-    say "(with what they need up to 600 MB; this takes some minutes)"
+    say "(a first time, with all that they need, 600 MB and some minutes)"
     if [ -n "$(dpkg --audit 2>/dev/null)" ]; then
         say "finishing an installation that was interrupted"
         as_root dpkg --configure -a || true
     fi
-    local lock=(-o DPkg::Lock::Timeout=600)
-    as_root apt-get "${lock[@]}" update ||
-        say "the package lists could not be renewed; going on with those that are there"
     if ! as_root apt-get "${lock[@]}" install -y --no-install-recommends "${absent[@]}"; then
-        say "the packages could not be installed; check the network, or run as root: $by_hand"
+        mapfile -t absent < <(absent_packages "$@")
+        if [ "${#absent[@]}" -eq 0 ]; then
+            say "going on without ${optional[*]}"
+            return 0
+        fi
+        say "the packages could not be installed; check the network, or run as root:" \
+            "apt-get install --no-install-recommends ${absent[*]}"
         exit 1
     fi
 }
+
+may_install() { [ "$(id -u)" -eq 0 ] || command -v sudo >/dev/null; }
 
 # need_environment [--free-only] [--development]: makes the worker's environment where it is not
 # there, and sets HYBRIDVOLUME_PYTHON to its interpreter. A value given by the caller is kept.
