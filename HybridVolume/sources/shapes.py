@@ -66,6 +66,11 @@ def read_object(document_object: Any) -> list[Body]:
     InputError
         As :func:`read_shape`.
     """
+    return read_shape(global_shape(document_object), document_object.Label)
+
+
+def global_shape(document_object: Any) -> Any:
+    """The shape of a document object (Part.Shape) in global coordinates."""
     import Part
 
     shape = Part.getShape(document_object)
@@ -73,7 +78,7 @@ def read_object(document_object: Any) -> list[Body]:
         parent = document_object.getGlobalPlacement() * document_object.Placement.inverse()
         shape = shape.copy()
         shape.Placement = parent * shape.Placement
-    return read_shape(shape, document_object.Label)
+    return shape
 
 
 def read_shape(shape: Any, name: str = "Body") -> list[Body]:

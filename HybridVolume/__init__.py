@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""Volumes of bodies with NURBS faces: exact NURBS elements at the boundary, tetrahedra in the core.
+
+What macros and scripts use::
+
+    import HybridVolume
+    body = HybridVolume.read_step("fandisk.step")[0]
+    volume = HybridVolume.complete(body, w0=0.5)
+    mesh = HybridVolume.to_fem(volume, FreeCAD.ActiveDocument)
+
+Importing the package loads nothing else; each function is loaded at its first use.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+__version__ = "0.1.0"
+
+version = __version__
+
+_FUNCTIONS = ("complete", "medial_axis", "read_step", "to_document", "to_fem")
+
+__all__ = [*_FUNCTIONS, "version"]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _FUNCTIONS:
+        return getattr(importlib.import_module(f"{__name__}.scripting"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_FUNCTIONS})

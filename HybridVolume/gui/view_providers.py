@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""How the objects look in the tree and in the 3D view.
+
+View providers are stored in documents by module and name: they stay where they are.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import FreeCADGui
+import numpy as np
+
+from .preferences import RESOURCES
+
+SHELL_COLOUR = (0.80, 0.16, 0.14)
+CORE_COLOUR = (0.73, 0.74, 0.71)
+FEM_COLOUR = (0.83, 0.84, 0.81)
+EDGE_COLOUR = (0.16, 0.16, 0.16)
+KEPT_SHEET_COLOUR = (0.20, 0.40, 0.64)
+
+
+class ViewProvider:
+    """Base of the view providers: an icon, and no state of its own."""
+
+    ICON = "HybridVolume"
+
+    def __init__(self, view: Any) -> None:
+        view.Proxy = self
+
+    def attach(self, view: Any) -> None:
+        """Take over a view object, new or restored."""
+        self.Object = view.Object
+
+    def getIcon(self) -> str:
+        """Return the path of the icon in the tree."""
+        return str(RESOURCES / "icons" / f"{self.ICON}.svg")
+
+    def __getstate__(self) -> None:
+        return None
+
+    def __setstate__(self, state: Any) -> None:
+        return None
+
+    def dumps(self) -> None:
+        """Store nothing."""
+        return None
+
+    def loads(self, state: Any) -> None:
+        """Restore nothing."""
+        return None
+
+
+class VolumeView(ViewProvider):
+    """The hybrid volume: holds its parts in the tree, opens its panel when double-clicked."""
+
+    def attach(self, view: Any) -> None:
+        """Add an empty display mode; without one the object would be greyed out."""
+        from pivy import coin
+
+        super().attach(view)
+        view.addDisplayMode(coin.SoSeparator(), "Parts")
+
+    def getDisplayModes(self, view: Any) -> list[str]:
+        """Return the one display mode."""
+        return ["Parts"]
+
+    def getDefaultDisplayMode(self) -> str:
+        """Return the one display mode."""
+        return "Parts"
+
+    def setDisplayMode(self, mode: str) -> str:
+        """Return the mode as it is."""
+        return mode
+
+    def claimChildren(self) -> list:
+        """Return the parts, which the tree shows below."""
+        from HybridVolume.objects.volume import CHILDREN
+
+        parts = (getattr(self.Object, name, None) for name in CHILDREN)
+        return [part for part in parts if part is not None]
+
+    def doubleClicked(self, view: Any) -> bool:
+        """Open the panel."""
+        from . import commands
+
+        if not FreeCADGui.Control.activeDialog():
+            commands.open_panel(view.Object.Document.Name, view.Object.Name)
+        return True
+
+
+class MeshView(ViewProvider):
+    """The mesh for an analysis."""
+
+    ICON = "HybridVolume_FemMesh"
+
+
+class ShellView(MeshView):
+    """The shell's mesh."""
+
+    ICON = "HybridVolume_Shell"
+
+
+class CoreView(MeshView):
+    """The core's mesh."""
+
+    ICON = "HybridVolume_Core"
+
+
+class MidstructureView(ViewProvider):
+    """The kept sheets of the midstructure as a surface."""
+
+    ICON = "HybridVolume_Midstructure"
+
+    def attach(self, view: Any) -> None:
+        """Build the scene: one face set for all kept sheets."""
+        from pivy import coin
+
+        super().attach(view)
+        root = coin.SoSeparator()
+        hints = coin.SoShapeHints()
+        hints.vertexOrdering = coin.SoShapeHints.COUNTERCLOCKWISE  # lit from both sides
+        material = coin.SoMaterial()
+        material.diffuseColor.setValue(*KEPT_SHEET_COLOUR)
+        self._points = coin.SoCoordinate3()
+        self._facets = coin.SoIndexedFaceSet()
+        for node in (hints, material, self._points, self._facets):
+            root.addChild(node)
+        view.addDisplayMode(root, "Sheets")
+        self.updateData(view.Object, "Facets")
+
+    def updateData(self, obj: Any, name: str) -> None:
+        """Take the facets into the scene."""
+        if name != "Facets" or not getattr(obj, "Facets", ""):
+            return
+        with np.load(obj.Facets, allow_pickle=False) as data:
+            vertices, facets = data["vertices"], data["facets"][data["kept"]]
+        self._points.point.setNum(0)
+        self._facets.coordIndex.setNum(0)
+        if not len(facets):
+            return
+        self._points.point.setValues(0, len(vertices), vertices.tolist())
+        ends = np.full((len(facets), 1), -1)
+        index = np.hstack([facets, ends]).ravel().tolist()
+        self._facets.coordIndex.setValues(0, len(index), index)
+
+    def getDisplayModes(self, view: Any) -> list[str]:
+        """Return the one display mode."""
+        return ["Sheets"]
+
+    def getDefaultDisplayMode(self) -> str:
+        """Return the one display mode."""
+        return "Sheets"
+
+    def setDisplayMode(self, mode: str) -> str:
+        """Return the mode as it is."""
+        return mode
+
+
+def attach(obj: Any) -> None:
+    """Give a document object its view provider and first looks, if it has none yet."""
+    view = obj.ViewObject
+    if view.Proxy:
+        return
+    kind = obj.Proxy.Type
+    if kind == "HybridVolume::Volume":
+        VolumeView(view)
+    elif kind == "HybridVolume::Midstructure":
+        MidstructureView(view)
+        view.Visibility = False
+    elif kind == "HybridVolume::PartMesh":
+        # The part is known only after creation; at a restoring it is.
+        dress_part(obj)
+    elif kind == "HybridVolume::AnalysisMesh":
+        MeshView(view)
+        _paint(view, FEM_COLOUR)
+        view.Visibility = False
+
+
+def dress_part(obj: Any) -> None:
+    """Give the shell's or the core's mesh its view provider and colour."""
+    view = obj.ViewObject
+    shell = obj.Part == "Shell"
+    (ShellView if shell else CoreView)(view)
+    _paint(view, SHELL_COLOUR if shell else CORE_COLOUR)
+    view.Visibility = True
+
+
+def _paint(view: Any, colour: tuple[float, float, float]) -> None:
+    view.ShapeColor = colour
+    view.LineColor = EDGE_COLOUR
+    view.PointSize = 1.0
+    view.LineWidth = 1.0
+    view.DisplayMode = "Faces & Wireframe"

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""The worker process: ``python -m HybridVolume.worker FOLDER``; the protocol is in ``job.py``.
+
+Ends with 0 when the result is written, 2 for an input that is refused, 1 for a fault.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import os
+import signal
+import sys
+import threading
+import time
+import traceback
+from pathlib import Path
+from typing import Any, TextIO
+
+from HybridVolume import job
+from HybridVolume.errors import FaultError, HybridVolumeError
+
+logger = logging.getLogger(__name__)
+
+
+class Channel:
+    """The line of JSON objects to the process that started this one."""
+
+    def __init__(self) -> None:
+        # Meshers print what they like on descriptor 1: it becomes the log, and the lines of the
+        # protocol go through a copy that no child inherits.
+        self._file: TextIO = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
+        os.dup2(2, 1)
+        self._lock = threading.Lock()
+
+    def send(self, **values: Any) -> None:
+        """Write one object; a reader that is gone is no fault, the watch on the input ends us."""
+        with self._lock, contextlib.suppress(BrokenPipeError):
+            self._file.write(json.dumps(values) + "\n")
+            self._file.flush()
+
+    def progress(self, stage: str, fraction: float, text: str = "") -> None:
+        """Tell how far the work is."""
+        logger.info("%s %.3f %s", stage, fraction, text)
+        self.send(stage=stage, fraction=float(fraction), text=text)
+
+
+class Stopwatch:
+    """Seconds spent in each stage, told apart by the progress that is reported."""
+
+    def __init__(self, progress: Any) -> None:
+        self.seconds: dict[str, float] = {}
+        self._progress = progress
+        self._stage: str | None = None
+        self._since = time.perf_counter()
+
+    def __call__(self, stage: str, fraction: float, text: str = "") -> None:
+        self.enter(stage)
+        self._progress(stage, fraction, text)
+
+    def enter(self, stage: str | None) -> None:
+        """Close the running stage and open another (None: the end)."""
+        if stage == self._stage:
+            return
+        now = time.perf_counter()
+        if self._stage is not None:
+            spent = self.seconds.get(self._stage, 0.0) + now - self._since
+            self.seconds[self._stage] = spent
+        self._stage, self._since = stage, now
+
+
+def work(folder: Path, channel: Channel) -> None:
+    """Read the job, complete the volume, write the answer's files.
+
+    Raises
+    ------
+    HybridVolumeError
+    """
+    from HybridVolume import report
+    from HybridVolume.core.pipeline import Options, complete
+    from HybridVolume.core.surface import build_surface
+
+    task = json.loads((folder / job.OPTIONS_FILE).read_text(encoding="utf-8"))
+    if task["protocol"] != job.PROTOCOL:
+        raise FaultError(f"the job speaks protocol {task['protocol']}, not {job.PROTOCOL}")
+    watch = Stopwatch(channel.progress)
+    watch("surface", 0.0, "pairing and welding the faces")
+    faces = job.read_surface(folder / job.SURFACE_FILE)
+    options = Options(**task["options"])
+    surface = build_surface(faces, options.tolerance)
+    volume = complete(surface, options, watch)
+    watch("exports", 0.93, "writing the result")
+    volume.save(folder / job.RESULT_FILE)
+    for number, export in enumerate(task["exports"]):
+        watch("exports", 0.94 + 0.02 * number, f"writing {task['name']}.{export}")
+        write_export(volume, export, folder / f"{task['name']}.{export}")
+    watch.enter(None)
+    figures = report.volume_report(volume, source=task["source"], seconds=watch.seconds)
+    text = json.dumps(figures, indent=1, allow_nan=False) + "\n"
+    (folder / job.REPORT_FILE).write_text(text, encoding="utf-8")
+
+
+def write_export(volume: Any, export: str, path: Path) -> None:
+    """Write one of :data:`HybridVolume.job.EXPORTS`."""
+    raise KeyError(export)
+
+
+def die_with_parent() -> None:
+    """End this process and its children when the process that started it is gone.
+
+    The parent holds the other end of our input: reading it returns only when the parent closes it
+    or dies, even by SIGKILL.
+    """
+
+    def watch() -> None:
+        while os.read(0, 4096):
+            pass
+        if os.name == "posix":
+            os.killpg(0, signal.SIGKILL)
+        os._exit(1)
+
+    if os.name == "posix" and os.getpgrp() != os.getpid():
+        # Started by hand in a terminal: the group is the shell's, and the input a keyboard.
+        return
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one job; return the exit code."""
+    (folder,) = sys.argv[1:] if arguments is None else arguments
+    channel = Channel()
+    die_with_parent()
+    logging.basicConfig(level=logging.INFO, format="%(relativeCreated)7d %(name)s: %(message)s")
+    try:
+        work(Path(folder), channel)
+    except HybridVolumeError as error:
+        code = job.exit_code(error)
+        if code == 1:
+            traceback.print_exc()
+        channel.send(error=error.to_dict())
+        return code
+    except Exception as fault:
+        traceback.print_exc()
+        where = traceback.extract_tb(fault.__traceback__)[-1]
+        place = f"{Path(where.filename).name}:{where.lineno}"
+        text = f"{type(fault).__name__} in {place}: {fault}".replace("\n", " ")
+        error = FaultError(text, remedy="report it together with the input")
+        channel.send(error=error.to_dict())
+        return 1
+    channel.send(done=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
