@@ -385,16 +385,20 @@ def _match_weights(nets: list[_Net], partner: np.ndarray, reverse: np.ndarray, g
                     nets[other].weights = nets[other].weights * factor
                 done[other] = True
                 queue.append(other)
-    bad, worst = set(), 0.0
+    bad, worst, twisted, largest = set(), 0.0, set(), 1.0
     for k, side, other, other_side in _side_pairs(partner):
         mine, theirs = side_of(nets[k].weights, side), side_of(nets[other].weights, other_side)
         theirs = theirs[::-1] if reverse[k, side] else theirs
+        factor = float(np.exp(np.mean(np.log(mine / theirs))))
         length = np.linalg.norm(np.ptp(side_of(nets[k].points, side), axis=0))
         # a relative change of one weight moves the curve by at most a quarter of it times the side
-        off = float(np.abs(mine / theirs - 1.0).max()) * length / 4.0
+        off = float(np.abs(mine / theirs / factor - 1.0).max()) * length / 4.0
         if off > gap:
             bad |= {nets[k].name, nets[other].name}
             worst = max(worst, off)
+        elif abs(factor - 1.0) * length / 4.0 > gap:
+            twisted |= {nets[k].name, nets[other].name}
+            largest = max(largest, factor, 1.0 / factor)
     if bad:
         raise errors.GapError(
             f"the weights of sides that meet differ by more than a factor: off by {worst:.2g} mm,"
@@ -402,6 +406,15 @@ def _match_weights(nets: list[_Net], partner: np.ndarray, reverse: np.ndarray, g
             faces=_natural(bad),
             figure=worst,
             remedy="rebuild the faces with matching weights or raise --tolerance",
+        )
+    if twisted:
+        # the sides of the volume elements below would not match
+        raise errors.GapError(
+            "the weights of sides that meet agree up to factors, but around a closed strip of"
+            f" faces the factors multiply to {largest:.4g}, not to 1",
+            faces=_natural(twisted),
+            figure=largest,
+            remedy="rebuild the faces with equal weights at their corners",
         )
 
 
