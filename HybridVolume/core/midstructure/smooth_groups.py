@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""Groups of patches that join smoothly, and the sharp edges between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from ..surface import PatchSurface
+
+POINTS = 17
+
+
+@dataclass(frozen=True)
+class SmoothGroups:
+    """Smooth groups of patches.
+
+    Attributes
+    ----------
+    of_patch : (np,) int array
+        Group of each patch.
+    edge_pair : (e, 2) int array
+        Groups on both sides of each sharp side, the lower number first.
+    edge_points : (e, k, 3) array
+        Points along it, mm.
+    edge_convex : (e, k) bool array
+        Whether the body is convex there.
+    """
+
+    of_patch: np.ndarray
+    edge_pair: np.ndarray
+    edge_points: np.ndarray
+    edge_convex: np.ndarray
+
+
+def _side_parameters(side: int, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    fixed = np.full(len(t), float(side % 2))
+    return (fixed, t) if side < 2 else (t, fixed)
+
+
+def smooth_groups(surface: PatchSurface, angle: float = 15.0) -> SmoothGroups:
+    """Unite patches whose normals jump by less than ``angle`` degrees along their whole side."""
+    t = np.linspace(0.0, 1.0, POINTS)
+    count = len(surface.patches)
+    points = np.empty((count, 4, POINTS, 3))
+    normals = np.empty_like(points)
+    inward = np.empty_like(points)
+    for k in range(count):
+        uv = np.array([_side_parameters(side, t) for side in range(4)])
+        x, x_u, x_v = surface.evaluate(k, uv[:, 0].ravel(), uv[:, 1].ravel(), derivative=1)
+        points[k] = x.reshape(4, POINTS, 3)
+        normals[k] = np.cross(x_u, x_v).reshape(4, POINTS, 3)
+        across = [x_u, x_u, x_v, x_v]
+        for side in range(4):
+            rows = slice(side * POINTS, (side + 1) * POINTS)
+            inward[k, side] = across[side][rows] * (1.0 if side % 2 == 0 else -1.0)
+    for field in (normals, inward):
+        field /= np.maximum(np.linalg.norm(field, axis=-1, keepdims=True), np.finfo(float).tiny)
+
+    patch, side = (a.ravel() for a in np.indices((count, 4)))
+    other, other_side = surface.neighbour[patch, side].T
+    once = (other > patch) | ((other == patch) & (other_side > side))
+    patch, side, other, other_side = (a[once] for a in (patch, side, other, other_side))
+    turned = surface.reversed[patch, side][:, None, None]
+    mine = normals[patch, side]
+    theirs = normals[other, other_side]
+    theirs = np.where(turned, theirs[:, ::-1], theirs)
+    away = inward[other, other_side]
+    away = np.where(turned, away[:, ::-1], away)
+    cosine = np.einsum("eki,eki->ek", mine, theirs)
+    convex = np.einsum("eki,eki->ek", mine, away) < 0.0
+    # a corner may be singular on its own: the inner points decide
+    smooth = np.median(cosine[:, 1:-1], axis=1) > np.cos(np.radians(angle))
+    smooth &= (cosine[:, 1:-1] > np.cos(np.radians(2.0 * angle))).all(axis=1)
+    graph = coo_matrix(
+        (np.ones(int(smooth.sum())), (patch[smooth], other[smooth])), shape=(count, count)
+    )
+    _, group = connected_components(graph, directed=False)
+    sharp = ~smooth
+    pair = np.sort(np.column_stack([group[patch[sharp]], group[other[sharp]]]), axis=1)
+    return SmoothGroups(group, pair, points[patch[sharp], side[sharp]], convex[sharp])
