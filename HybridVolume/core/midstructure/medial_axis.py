@@ -25,7 +25,7 @@ NOISE_ANGLE = 60.0
 # Share of the largest radius from which on the sheet of an acute edge is kept.
 ACUTE_SHARE = 0.5
 # A facet is a ridge when no neighbour within half its radius is larger than by this factor.
-RIDGE = 1.15
+RIDGE = 1.1
 
 BETWEEN = "between opposite faces"
 ACUTE = "inside an acute edge, its thick part"
@@ -215,9 +215,9 @@ def _lonely_ridges(facets: _Facets, candidate: np.ndarray, kept: np.ndarray) -> 
             return np.zeros(len(candidate), dtype=bool)
         some = np.flatnonzero(candidate)
     centre, radius = facets.centre[some], facets.radius[some]
-    # one representative, the largest ball, in every cell of a fifth of the radius
+    # one representative, the largest ball, in every cell of a tenth of the radius
     level = np.floor(np.log2(radius)).astype(int)
-    cell = np.floor(centre / (0.2 * 2.0**level)[:, None]).astype(np.int64)
+    cell = np.floor(centre / (0.12 * 2.0**level)[:, None]).astype(np.int64)
     _, label = np.unique(np.column_stack([level, cell]), axis=0, return_inverse=True)
     label = label.ravel()
     order = np.lexsort([-radius, label])
