@@ -214,31 +214,31 @@ def _refuse_lonely(nets: list[_Net], samples: np.ndarray, lonely: np.ndarray, ga
     t_faces: set[str] = set()
     speed: list[tuple[float, str, str]] = []
     gaps: list[tuple[float, str, str]] = []
+    low = np.array([c.min(axis=0) for c in curves])
+    high = np.array([c.max(axis=0) for c in curves])
     for i in range(len(lonely)):
-        others = [j for j in range(len(lonely)) if j != i]
-        if not others:
-            continue
         # an end of another side in the middle of this one
-        reach, place = cKDTree(curves[i]).query(ends[others].reshape(-1, 3))
-        from_end = np.minimum(place, 400 - place)
         spacing = length[i] / 400
-        inside = (reach <= max(gap, spacing)) & (from_end > 4)
-        if inside.any():
-            hit = np.flatnonzero(inside)
-            for other in {others[h // 2] for h in hit}:
-                along, _ = cKDTree(curves[i]).query(curves[other])
-                if np.median(along) <= max(gap, spacing):
+        reach = max(gap, spacing)
+        close = np.all((ends >= low[i] - reach) & (ends <= high[i] + reach), axis=2).any(axis=1)
+        close[i] = False
+        others = np.flatnonzero(close)
+        if len(others):
+            tree = cKDTree(curves[i])
+            away, place = tree.query(ends[others])
+            inside = (away <= reach) & (np.minimum(place, 400 - place) > 4)
+            for other in others[inside.any(axis=1)]:
+                along, _ = tree.query(curves[other])
+                if np.median(along) <= reach:
                     t_faces |= {names[i], names[other]}
-            continue
-        for j in others:
-            if j < i:
+            if inside.any():
                 continue
-            straight = np.linalg.norm(ends[i] - ends[j], axis=1).max()
-            turned = np.linalg.norm(ends[i] - ends[j][::-1], axis=1).max()
-            apart = min(straight, turned)
-            if apart > 0.05 * min(length[i], length[j]):
-                continue
-            other = curves[j] if straight <= turned else curves[j][::-1]
+        straight = np.linalg.norm(ends - ends[i], axis=2).max(axis=1)
+        turned = np.linalg.norm(ends - ends[i, ::-1], axis=2).max(axis=1)
+        near = np.minimum(straight, turned) <= 0.05 * np.minimum(length[i], length)
+        near[: i + 1] = False
+        for j in np.flatnonzero(near):
+            other = curves[j] if straight[j] <= turned[j] else curves[j][::-1]
             pointwise = float(np.linalg.norm(curves[i] - other, axis=1).max())
             between = float(cKDTree(curves[i]).query(other)[0].max())
             if pointwise > 0.25 * length[i]:
