@@ -15,7 +15,7 @@ packages_run+=(
     libxinerama1 libxrender1
 )
 # What the tests need besides.
-packages_test=(python3-pytest xdotool imagemagick git)
+packages_test=(python3-pytest xdotool imagemagick)
 # Taken where the distribution has them (Debian 13 has no CalculiX): only the solving needs it.
 packages_optional=(calculix-ccx)
 
