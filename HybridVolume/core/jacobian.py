@@ -52,6 +52,7 @@ from itertools import permutations
 from math import comb
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 EPSILON = 2.0**-53
 UNDERFLOW = 1e-250
@@ -323,17 +324,24 @@ def _wedge(a: np.ndarray, b: np.ndarray, pairs: tuple[tuple[int, int], ...]) -> 
 
 
 def _inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Convolution of the inner products sum_c a_c b_c; a, b of shapes (., ., ., c, ne)."""
+    """Convolution of the inner products sum_c a_c b_c; a, b of shapes (., ., ., c, ne).
+
+    One matrix product for each pair of the first two indices of a: the third direction is a
+    Toeplitz matrix, whose zeros add no rounding.
+    """
     if a[..., 0, 0].size > b[..., 0, 0].size:
         a, b = b, a
-    shape = tuple(m + n - 1 for m, n in zip(a.shape[:3], b.shape[:3], strict=True))
-    out = np.zeros((*shape, a.shape[-1]))
-    separate = [np.ascontiguousarray(b[..., c, :]) for c in range(b.shape[3])]
-    for i, j, k in np.ndindex(a.shape[:3]):
-        part = out[i : i + b.shape[0], j : j + b.shape[1], k : k + b.shape[2]]
-        for c, entries in enumerate(separate):
-            part += a[i, j, k, c] * entries
-    return out
+    (a1, a2, a3, entries, count), (b1, b2, b3) = a.shape, b.shape[:3]
+    n3 = a3 + b3 - 1
+    padded = np.zeros((a1, a2, count, entries, a3 + 2 * b3 - 2))
+    padded[..., b3 - 1 : b3 - 1 + a3] = a.transpose(0, 1, 4, 3, 2)
+    shifted = sliding_window_view(padded, n3, axis=-1)[..., ::-1, :]
+    rows = np.ascontiguousarray(b.transpose(4, 0, 1, 3, 2)).reshape(count, b1 * b2, entries * b3)
+    out = np.zeros((count, a1 + b1 - 1, a2 + b2 - 1, n3))
+    for i, j in np.ndindex(a1, a2):
+        product = rows @ shifted[i, j].reshape(count, entries * b3, n3)
+        out[:, i : i + b1, j : j + b2] += product.reshape(count, b1, b2, n3)
+    return np.ascontiguousarray(np.moveaxis(out, 0, -1))
 
 
 def _terms(a: np.ndarray, b: np.ndarray) -> int:

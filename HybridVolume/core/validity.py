@@ -38,7 +38,7 @@ INVALID = -1
 
 # Elements worked on at once: their arrays stay in the processor's cache.
 _SAMPLING_CHUNK = 32
-_PRODUCTS_CHUNK = 64
+_PRODUCTS_CHUNK = 32
 _BOX_CHUNK = 64
 
 # Above this error (relative to the magnitude of the determinant) sampling proves next to nothing.
