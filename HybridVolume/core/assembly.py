@@ -240,10 +240,9 @@ def _refuse_lonely(nets: list[_Net], samples: np.ndarray, lonely: np.ndarray, ga
         for j in np.flatnonzero(near):
             other = curves[j] if straight[j] <= turned[j] else curves[j][::-1]
             pointwise = float(np.linalg.norm(curves[i] - other, axis=1).max())
-            between = float(cKDTree(curves[i]).query(other)[0].max())
             if pointwise > 0.25 * length[i]:
                 continue
-            if between <= max(gap, 2.0 * spacing) and pointwise > 4.0 * max(gap, 2.0 * spacing):
+            if pointwise > 10.0 * max(gap, _polyline_distance(curves[i], other)):
                 speed.append((pointwise, names[i], names[j]))
             else:
                 gaps.append((pointwise, names[i], names[j]))
@@ -267,6 +266,20 @@ def _refuse_lonely(nets: list[_Net], samples: np.ndarray, lonely: np.ndarray, ga
         faces=_natural(set(names)),
         remedy="give a closed solid",
     )
+
+
+def _polyline_distance(line: np.ndarray, points: np.ndarray) -> float:
+    """Largest distance of points from a polyline."""
+    _, nearest = cKDTree(line).query(points)
+    best = np.full(len(points), np.inf)
+    for shift in (-1, 0):
+        start = np.clip(nearest + shift, 0, len(line) - 2)
+        a, chord = line[start], line[start + 1] - line[start]
+        square = np.maximum(np.einsum("ij,ij->i", chord, chord), 1e-300)
+        share = np.clip(np.einsum("ij,ij->i", points - a, chord) / square, 0.0, 1.0)
+        away = np.linalg.norm(points - a - share[:, None] * chord, axis=1)
+        best = np.minimum(best, away)
+    return float(best.max())
 
 
 def _natural(names: set[str]) -> list[str]:

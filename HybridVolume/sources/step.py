@@ -75,11 +75,13 @@ def read_file(path: str | os.PathLike) -> list[Body]:
     shape = _read(path, suffix, binary)
     if shape.isNull():
         raise errors.InputError(f"{path.name} holds no shape", remedy=_REPAIR)
-    if len(shape.Solids) < announced:
-        if not shape.Solids and not shape.Faces:
-            raise errors.InputError(
-                f"{path.name} announces {announced} solids, none could be read", remedy=_REPAIR
-            )
+    if announced and not shape.Faces:
+        raise errors.InputError(
+            f"{path.name} announces solids ({announced}), but no face could be read",
+            figure=0.0,
+            remedy=_REPAIR,
+        )
+    if 0 < len(shape.Solids) < announced:
         raise errors.InputError(
             f"{path.name} announces {announced} solids, only {len(shape.Solids)} could be read",
             figure=float(len(shape.Solids)),
