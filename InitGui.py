@@ -8,7 +8,8 @@ import FreeCADGui
 
 import HybridVolume
 
-# FreeCAD executes this file without __file__.
+# FreeCAD executes this file without __file__, and inside a function: neither the class nor its
+# methods see the names of this file.
 _RESOURCES = os.path.join(os.path.dirname(os.path.dirname(HybridVolume.__file__)), "resources")
 
 
@@ -17,7 +18,6 @@ class HybridVolumeWorkbench(FreeCADGui.Workbench):
 
     MenuText = "HybridVolume"
     ToolTip = "Complete the volume of a body with NURBS faces"
-    Icon = os.path.join(_RESOURCES, "icons", "HybridVolume.svg")
 
     def Initialize(self):
         """Make the commands known; called when the workbench is opened for the first time."""
@@ -39,7 +39,7 @@ class HybridVolumeWorkbench(FreeCADGui.Workbench):
         return "Gui::PythonWorkbench"
 
 
+HybridVolumeWorkbench.Icon = os.path.join(_RESOURCES, "icons", "HybridVolume.svg")
 FreeCADGui.addIconPath(os.path.join(_RESOURCES, "icons"))
 FreeCADGui.addPreferencePage(os.path.join(_RESOURCES, "ui", "preferences.ui"), "HybridVolume")
 FreeCADGui.addWorkbench(HybridVolumeWorkbench())
-del _RESOURCES

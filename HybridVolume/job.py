@@ -156,6 +156,8 @@ class Job:
     exports : sequence of {"vtu", "inp", "png"}
     python : str, optional
         Interpreter of the worker; :func:`worker_python` otherwise.
+    free_only : bool
+        Leave the GPL parts out.
     parent : path, optional
         Where the job's folder is made; the system's temporary folder otherwise.
 
@@ -178,6 +180,7 @@ class Job:
         source: Mapping[str, Any] | None = None,
         exports: Sequence[str] = (),
         python: str | None = None,
+        free_only: bool = False,
         parent: str | os.PathLike | None = None,
     ) -> None:
         unknown = set(exports) - set(EXPORTS)
@@ -189,6 +192,7 @@ class Job:
         self.source = dict(source or {})
         self.exports = tuple(exports)
         self.python = python
+        self.free_only = free_only
         self.parent = parent
         self.folder: Path | None = None
         self.state = "new"
@@ -251,7 +255,7 @@ class Job:
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     stderr=log,
-                    env=_variables(self.folder),
+                    env=_variables(self.folder, self.free_only),
                     # A group of its own: Cancel must reach the meshers that the worker starts,
                     # and Ctrl-C in a terminal must not reach the worker before us.
                     **_new_group(),
@@ -438,7 +442,7 @@ class Job:
         self.folder = None
 
 
-def _variables(folder: Path) -> dict[str, str]:
+def _variables(folder: Path, free_only: bool) -> dict[str, str]:
     """Variables for the worker: its Python must find its own libraries, and our package."""
     variables = dict(os.environ)
     for name in ("PYTHONHOME", "PYTHONPATH", "PYTHONSTARTUP"):
@@ -449,6 +453,8 @@ def _variables(folder: Path) -> dict[str, str]:
             variables.pop(name, None)
     variables["PYTHONPATH"] = str(Path(__file__).resolve().parent.parent)
     variables["PYTHONIOENCODING"] = "utf-8"
+    if free_only:
+        variables["HYBRIDVOLUME_FREE_ONLY"] = "1"
     # What a killed mesher leaves in its temporary folder goes away with the job's.
     for name in ("TMPDIR", "TMP", "TEMP"):
         variables[name] = str(folder)

@@ -79,8 +79,8 @@ def work(folder: Path, channel: Channel) -> None:
     HybridVolumeError
     """
     from HybridVolume import report
+    from HybridVolume.core.assembly import build_surface
     from HybridVolume.core.pipeline import Options, complete
-    from HybridVolume.core.surface import build_surface
 
     task = json.loads((folder / job.OPTIONS_FILE).read_text(encoding="utf-8"))
     if task["protocol"] != job.PROTOCOL:
@@ -98,8 +98,7 @@ def work(folder: Path, channel: Channel) -> None:
         write_export(volume, export, folder / f"{task['name']}.{export}")
     watch.enter(None)
     figures = report.volume_report(volume, source=task["source"], seconds=watch.seconds)
-    text = json.dumps(figures, indent=1, allow_nan=False) + "\n"
-    (folder / job.REPORT_FILE).write_text(text, encoding="utf-8")
+    report.write(figures, folder / job.REPORT_FILE)
 
 
 def write_export(volume: Any, export: str, path: Path) -> None:

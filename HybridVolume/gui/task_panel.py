@@ -25,7 +25,7 @@ from .setup import EnvironmentSetup, question
 
 logger = logging.getLogger(__name__)
 
-ORDERS = (("Second", "Second order (wedges 15, tets 10 nodes)"), ("First", "First order (6, 4)"))
+ORDERS = (("Second", "second order"), ("First", "first order"))
 
 
 class TaskPanel:
@@ -200,8 +200,6 @@ class TaskPanel:
         chosen = preferences.load()
         options = options_of(self._parameters)
         options["engine"] = chosen.engine
-        if chosen.free_only:
-            options["free"] = True
         python = worker_python(chosen.python)
         return [
             Job(
@@ -210,6 +208,7 @@ class TaskPanel:
                 options=options,
                 source={"file": self._source.Label, "bodies": len(self._bodies)},
                 python=python,
+                free_only=chosen.free_only,
             )
             for _, body in self._bodies
         ]
@@ -245,20 +244,22 @@ class TaskPanel:
             gone = True
         if gone:
             raise InputError("the body was deleted while its volume was computed")
-        completed = [
-            document.Completed(
-                name=body.name,
-                shape=body.shape,
-                solid=number,
-                volume=job.result(),
-                result=job.result_file,
-                report=job.report(),
-                parameters=self._parameters,
-                fingerprint=self._fingerprint,
+        prepared = [
+            document.Prepared(
+                document.Completed(
+                    name=body.name,
+                    shape=body.shape,
+                    solid=number,
+                    volume=job.result(),
+                    result=job.result_file,
+                    report=job.report(),
+                    parameters=self._parameters,
+                    fingerprint=self._fingerprint,
+                )
             )
             for (number, body), job in zip(self._bodies, jobs, strict=True)
         ]
-        volumes = document.insert(doc, self._source, completed, self._volume)
+        volumes = document.insert(doc, self._source, prepared, self._volume)
         if self._source.ViewObject:
             # Shell and body have the same outside.
             self._source.ViewObject.Visibility = False

@@ -14,10 +14,9 @@ import numpy as np
 
 from .preferences import RESOURCES
 
-SHELL_COLOUR = (0.80, 0.16, 0.14)
-CORE_COLOUR = (0.73, 0.74, 0.71)
-FEM_COLOUR = (0.83, 0.84, 0.81)
-EDGE_COLOUR = (0.16, 0.16, 0.16)
+SHELL_COLOUR = (0.93, 0.27, 0.24)
+CORE_COLOUR = (0.86, 0.87, 0.84)
+FEM_COLOUR = (0.90, 0.91, 0.88)
 KEPT_SHEET_COLOUR = (0.20, 0.40, 0.64)
 
 
@@ -78,7 +77,7 @@ class VolumeView(ViewProvider):
         """Return the parts, which the tree shows below."""
         from HybridVolume.objects.volume import CHILDREN
 
-        parts = (getattr(self.Object, name, None) for name in CHILDREN)
+        parts = (getattr(self.Object, name, None) for name in (*CHILDREN, "AnalysisBody"))
         return [part for part in parts if part is not None]
 
     def doubleClicked(self, view: Any) -> bool:
@@ -168,28 +167,20 @@ def attach(obj: Any) -> None:
         VolumeView(view)
     elif kind == "HybridVolume::Midstructure":
         MidstructureView(view)
-        view.Visibility = False
-    elif kind == "HybridVolume::PartMesh":
-        # The part is known only after creation; at a restoring it is.
-        dress_part(obj)
     elif kind == "HybridVolume::AnalysisMesh":
         MeshView(view)
         _paint(view, FEM_COLOUR)
-        view.Visibility = False
-
-
-def dress_part(obj: Any) -> None:
-    """Give the shell's or the core's mesh its view provider and colour."""
-    view = obj.ViewObject
-    shell = obj.Part == "Shell"
-    (ShellView if shell else CoreView)(view)
-    _paint(view, SHELL_COLOUR if shell else CORE_COLOUR)
-    view.Visibility = True
+    elif obj.Part == "Shell":
+        ShellView(view)
+        _paint(view, SHELL_COLOUR)
+    else:
+        CoreView(view)
+        _paint(view, CORE_COLOUR)
+    view.Visibility = kind in ("HybridVolume::Volume", "HybridVolume::PartMesh")
 
 
 def _paint(view: Any, colour: tuple[float, float, float]) -> None:
     view.ShapeColor = colour
-    view.LineColor = EDGE_COLOUR
     view.PointSize = 1.0
     view.LineWidth = 1.0
     view.DisplayMode = "Faces & Wireframe"

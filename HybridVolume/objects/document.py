@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,22 +15,24 @@ import FreeCAD
 import numpy as np
 
 from HybridVolume.errors import FaultError
+from HybridVolume.sources import global_shape
 
 from .fem_mesh import (
     AnalysisMesh,
-    MeshArrays,
     PartMesh,
     arrays_of,
     build,
-    check_covered,
+    cover,
     make_mesh_object,
 )
 from .midstructure import make_midstructure
-from .properties import attach_view, transaction
+from .properties import transaction
 from .volume import UP_TO_DATE, changes, current_inputs, make_volume, set_status, update_status
 
 if TYPE_CHECKING:
+    from HybridVolume.core.finite_elements import FiniteElementMesh
     from HybridVolume.core.hybrid import HybridVolume
+    from HybridVolume.core.midstructure import Sheet
 
 
 @dataclass(frozen=True)
@@ -66,17 +69,57 @@ class Completed:
     fingerprint: str
 
 
+class Prepared:
+    """A computed body as FreeCAD meshes, checked before any document changes.
+
+    Parameters
+    ----------
+    completed : Completed
+
+    Attributes
+    ----------
+    completed : Completed
+    report : dict
+        The report with what FreeCAD adds: ``fem.faces_covered``, ``fem.face_tolerance``.
+    analysis_body : Part.Shape or None
+        A copy of the body whose faces have a wider tolerance, where FreeCAD would not find the
+        mesh's nodes on the body itself.
+
+    Raises
+    ------
+    HybridVolumeError
+        The meshes are not what they were made from, or nodes lie beside the body's faces.
+    """
+
+    def __init__(self, completed: Completed) -> None:
+        arrays = arrays_of(completed.volume.fem)
+        self.completed = completed
+        self.analysis_body, covered = cover(arrays, completed.shape)
+        self.report = dict(completed.report)
+        self.report["fem"] = {
+            **self.report["fem"],
+            "faces_covered": covered,
+            "face_tolerance": (self.analysis_body or completed.shape).getTolerance(1),
+        }
+        self.analysis = build(arrays)
+        self.groups = [*arrays.volumes, *arrays.node_groups, *arrays.faces]
+        self.parts: dict[str, tuple[Any, int]] = {}
+        for part in ("Shell", "Core"):
+            alone = arrays.part(part)
+            self.parts[part] = (build(alone), len(alone.volumes[part][1]))
+
+
 def insert(
-    doc: Any, source: Any, completed: Sequence[Completed], replaced: Any | None = None
+    doc: Any, source: Any, prepared: Sequence[Prepared], replaced: Any | None = None
 ) -> list[Any]:
     """Put computed bodies into a document, all in one step of Undo.
 
     Parameters
     ----------
     doc : App.Document
-    source : App.DocumentObject or None
+    source : App.DocumentObject
         The body.
-    completed : sequence of Completed
+    prepared : sequence of Prepared
     replaced : App.DocumentObject, optional
         A hybrid volume that takes the (single) new result instead of a new object.
 
@@ -88,16 +131,14 @@ def insert(
     Raises
     ------
     HybridVolumeError
-        A check failed; the document is as it was.
+        The document did not take something; it is as it was.
     """
-    # Everything that can be refused is made and checked before the document is touched.
-    meshes = [_Meshes(one) for one in completed]
     with transaction(doc, "Complete the volume"):
         volumes = []
-        for one, mesh in zip(completed, meshes, strict=True):
+        for one in prepared:
             obj = replaced or _make_objects(doc, one)
             obj.Source = source
-            _fill(obj, one, mesh)
+            _fill(obj, one)
             volumes.append(obj)
         doc.recompute()
         for obj in volumes:
@@ -105,51 +146,100 @@ def insert(
     return volumes
 
 
-class _Meshes:
-    """FreeCAD meshes of one computed body, checked."""
+def insert_mesh(doc: Any, fem: FiniteElementMesh, body: Any | None = None) -> Any:
+    """Put a conforming mesh alone into a document, in one step of Undo.
 
-    def __init__(self, one: Completed) -> None:
-        arrays = arrays_of(one.volume.fem)
-        self.faces_covered = check_covered(arrays, one.shape)
-        self.analysis = build(arrays)
-        self.groups = [*arrays.volumes, *arrays.node_groups, *arrays.faces]
-        self.parts: dict[str, tuple[Any, int]] = {}
-        for part in ("Shell", "Core"):
-            alone: MeshArrays = arrays.part(part)
-            self.parts[part] = (build(alone), len(alone.volumes[part][1]))
+    Parameters
+    ----------
+    doc : App.Document
+    fem : FiniteElementMesh
+    body : App.DocumentObject, optional
+        The body that it belongs to.
+
+    Returns
+    -------
+    App.DocumentObject
+
+    Raises
+    ------
+    FaultError
+        FreeCAD did not take the whole mesh, or does not find its nodes on the body's faces.
+    """
+    arrays = arrays_of(fem)
+    if body is not None:
+        copy, _ = cover(arrays, global_shape(body))
+        if copy is not None:
+            raise FaultError(
+                "mesh nodes lie beside the body's faces by more than their tolerance",
+                figure=copy.getTolerance(1),
+                remedy="widen the body's tolerance with Shape.fixTolerance",
+            )
+    mesh = build(arrays)
+    with transaction(doc, "Add the FEM mesh"):
+        obj = make_mesh_object(doc, "FemMesh", AnalysisMesh)
+        obj.Shape = body
+        obj.Order = "Second" if fem.order == 2 else "First"
+        obj.FemMesh = mesh
+        obj.Groups = [*arrays.volumes, *arrays.node_groups, *arrays.faces]
+        obj.Status = UP_TO_DATE
+        if obj.ViewObject:
+            obj.ViewObject.Visibility = True
+    return obj
 
 
-def _make_objects(doc: Any, one: Completed) -> Any:
+def save_new(prepared: Sequence[Prepared], path: str | os.PathLike) -> None:
+    """Write a new document with the bodies and what was computed from them.
+
+    Raises
+    ------
+    HybridVolumeError
+        The document did not take something, or was not written.
+    """
+    doc = FreeCAD.newDocument(Path(path).stem, hidden=True, temp=True)
+    try:
+        for one in prepared:
+            source = doc.addObject("Part::Feature", "Body")
+            source.Label = one.completed.name
+            source.Shape = one.completed.shape
+            # Shell and body have the same outside.
+            source.Visibility = False
+            insert(doc, source, [one])
+        doc.saveAs(str(path))
+        if not Path(path).is_file():
+            raise FaultError(f"FreeCAD did not write {path}")
+    finally:
+        FreeCAD.closeDocument(doc.Name)
+
+
+def _make_objects(doc: Any, prepared: Prepared) -> Any:
     obj = make_volume(doc)
-    obj.Label = f"{one.name} hybrid volume"
+    obj.Label = f"{prepared.completed.name} hybrid volume"
     obj.Midstructure = make_midstructure(doc)
     for part in ("Shell", "Core"):
-        mesh = make_mesh_object(doc, part, PartMesh)
-        mesh.Part = part
-        attach_view(mesh)
-        setattr(obj, part, mesh)
+        setattr(obj, part, make_mesh_object(doc, part, PartMesh))
     obj.FemMesh = make_mesh_object(doc, "FemMesh", AnalysisMesh)
     return obj
 
 
-def _fill(obj: Any, one: Completed, meshes: _Meshes) -> None:
+def _fill(obj: Any, prepared: Prepared) -> None:
+    one = prepared.completed
     for name in ("W0", "Layers", "Degree", "Tolerance"):
         setattr(obj, name, one.parameters[name])
     obj.Solid = one.solid
     obj.Midstructure.Method = one.parameters["Midstructure.Method"]
     obj.FemMesh.Order = one.parameters["FemMesh.Order"]
     obj.FemMesh.Density = one.parameters["FemMesh.Density"]
-    obj.FemMesh.Shape = obj.Source
-    obj.FemMesh.FemMesh = meshes.analysis
-    obj.FemMesh.Groups = meshes.groups
-    for part, (mesh, count) in meshes.parts.items():
+    obj.FemMesh.Shape = _analysis_body(obj, prepared)
+    obj.FemMesh.FemMesh = prepared.analysis
+    obj.FemMesh.Groups = prepared.groups
+    for part, (mesh, count) in prepared.parts.items():
         child = getattr(obj, part)
         child.FemMesh = mesh
         child.Elements = count
-    _fill_midstructure(obj.Midstructure, one)
+    _fill_midstructure(obj.Midstructure, prepared)
     _include(obj, "Result", one.result)
-    obj.Report = flat(one.report)
-    shell = one.report["shell"]
+    obj.Report = flat(prepared.report)
+    shell = prepared.report["shell"]
     obj.W0Reached = shell["w0"]
     obj.Elements = shell["elements"]
     obj.MinimumScaledJacobian = shell["min_scaled_jacobian"]
@@ -162,14 +252,37 @@ def _fill(obj: Any, one: Completed, meshes: _Meshes) -> None:
     set_status(obj, UP_TO_DATE)
 
 
-def _fill_midstructure(obj: Any, one: Completed) -> None:
-    found = one.volume.midstructure
+def _analysis_body(obj: Any, prepared: Prepared) -> Any:
+    """The object that loads and supports go on: the source, or a copy with a wider tolerance."""
+    doc = obj.Document
+    if prepared.analysis_body is None:
+        if obj.AnalysisBody:
+            doc.removeObject(obj.AnalysisBody.Name)
+        return obj.Source
+    if obj.AnalysisBody is None:
+        obj.AnalysisBody = doc.addObject("Part::Feature", "AnalysisBody")
+        obj.AnalysisBody.Label = f"{prepared.completed.name} for analysis"
+        obj.AnalysisBody.Visibility = False
+    obj.AnalysisBody.Shape = prepared.analysis_body
+    return obj.AnalysisBody
+
+
+def _fill_midstructure(obj: Any, prepared: Prepared) -> None:
+    found = prepared.completed.volume.midstructure
     obj.MethodUsed = found.method
-    obj.Decisions = one.report["midstructure"].get("decisions", [])
-    path = os.path.join(obj.Document.TransientDir, f"{obj.Name}_facets.npz")
-    np.savez(path, vertices=found.vertices, facets=found.facets, sheet=found.sheet, kept=found.kept)
-    _include(obj, "Facets", path)
-    os.remove(path)
+    obj.Decisions = [decision(sheet) for sheet in found.sheets]
+    with tempfile.TemporaryDirectory(prefix="hybridvolume-") as folder:
+        path = os.path.join(folder, "facets.npz")
+        np.savez(
+            path, vertices=found.vertices, facets=found.facets, sheet=found.sheet, kept=found.kept
+        )
+        _include(obj, "Facets", path)
+
+
+def decision(sheet: Sheet) -> str:
+    """What was decided about a sheet, in words that find it again: faces and a point (mm)."""
+    point = " ".join(f"{x:.9g}" for x in sheet.seed)
+    return f"{'kept' if sheet.kept else 'removed'} {'+'.join(sheet.faces)} @ {point}"
 
 
 def _include(obj: Any, name: str, path: str | os.PathLike) -> None:
@@ -188,17 +301,3 @@ def flat(report: Mapping[str, Any], prefix: str = "") -> dict[str, str]:
         else:
             values[f"{prefix}{name}"] = str(value)
     return values
-
-
-def save(doc: Any, path: str | os.PathLike) -> None:
-    """Save a document in a file.
-
-    Raises
-    ------
-    FaultError
-        FreeCAD wrote nothing.
-    """
-    doc.saveAs(str(path))
-    if not Path(path).is_file():
-        raise FaultError(f"FreeCAD did not write {path}")
-    FreeCAD.Console.PrintLog(f"saved {path}\n")

@@ -14,17 +14,21 @@ from typing import TYPE_CHECKING, Any
 
 import Fem
 import numpy as np
+import Part
 
 from HybridVolume.core.elements import to_order
-from HybridVolume.errors import FaultError, InputError
+from HybridVolume.errors import FaultError
 
 from .properties import DocumentObject, Property
 
 if TYPE_CHECKING:
     from HybridVolume.core.finite_elements import FiniteElementMesh
 
-SAMPLED_NODES = 1500
+SAMPLED_NODES = 1000
 """Nodes that are looked for on the CAD faces altogether: each costs OCC about 2 ms."""
+
+WIDEST = 1e-5
+"""Widest tolerance of a face that is used, as a share of the body's diagonal."""
 
 
 @dataclass(frozen=True)
@@ -149,9 +153,7 @@ def uncovered_faces(
         if name not in arrays.faces:
             bad[name] = (0, 0)
             continue
-        known = np.unique(arrays.faces[name][1])
-        if share is not None and len(known) > share:
-            known = known[np.linspace(0, len(known) - 1, share).round().astype(int)]
+        known = _spread(arrays, name, share)
         # A mesh of these nodes only: every node in the face's box costs time.
         probe = Fem.FemMesh()
         for node, (x, y, z) in enumerate(arrays.nodes[known].tolist(), start=1):
@@ -162,25 +164,59 @@ def uncovered_faces(
     return bad
 
 
-def check_covered(arrays: MeshArrays, shape: Any, budget: int | None = SAMPLED_NODES) -> int:
-    """Return the number of faces of a shape, all of whose nodes FreeCAD finds.
+def cover(arrays: MeshArrays, shape: Any) -> tuple[Any | None, int]:
+    """Make sure that FreeCAD finds the mesh's nodes on every face of a body.
+
+    Parameters
+    ----------
+    arrays : MeshArrays
+    shape : Part.Shape
+
+    Returns
+    -------
+    copy : Part.Shape or None
+        None where the shape serves as it is, else a copy whose faces have a tolerance wide enough.
+    faces : int
+        Number of faces.
 
     Raises
     ------
-    InputError
-        Some are not found; the error names the faces.
+    FaultError
+        Nodes lie too far from a face; the error names the faces.
     """
-    bad = uncovered_faces(arrays, shape, budget)
-    if bad:
-        name, (found, sought) = next(iter(bad.items()))
-        tolerance = shape.Faces[int(name.removeprefix("Face")) - 1].Tolerance
-        raise InputError(
-            f"FreeCAD finds {found} of {sought} mesh nodes within {tolerance:.1g} mm of the face; "
-            "loads on it would be lost",
-            faces=tuple(bad),
-            remedy="heal the body, or widen its tolerance (Shape.fixTolerance) and run again",
-        )
-    return len(shape.Faces)
+    bad = uncovered_faces(arrays, shape)
+    if not bad:
+        return None, len(shape.Faces)
+    off = max(_distance(arrays, shape, name) for name in bad)
+    tolerance = max(1e-6, 2.0 * off)
+    if tolerance <= WIDEST * shape.BoundBox.DiagonalLength:
+        copy = shape.copy()
+        copy.fixTolerance(tolerance)
+        if not uncovered_faces(arrays, copy):
+            return copy, len(shape.Faces)
+    raise FaultError(
+        f"mesh nodes lie up to {off:.2g} mm beside the CAD faces; loads on them would be lost",
+        faces=tuple(bad),
+        figure=off,
+        remedy="heal the body and run again",
+    )
+
+
+def _distance(arrays: MeshArrays, shape: Any, name: str) -> float:
+    """Largest distance of a face's nodes from it, mm."""
+    if name not in arrays.faces:
+        return np.inf
+    face = shape.Faces[int(name.removeprefix("Face")) - 1]
+    points = arrays.nodes[_spread(arrays, name, SAMPLED_NODES)]
+    return max(Part.Vertex(*point).distToShape(face)[0] for point in points.tolist())
+
+
+def _spread(arrays: MeshArrays, name: str, count: int | None) -> np.ndarray:
+    """Nodes on a face, at most ``count`` of them, spread evenly."""
+    known = np.unique(arrays.faces[name][1])
+    if count is not None and len(known) > count:
+        known = known[np.linspace(0, len(known) - 1, count).round().astype(int)]
+    return known
 
 
 _STATUS = Property("App::PropertyString", "Base", "Up to date, or why not.", mode=("ReadOnly",))
@@ -197,6 +233,10 @@ class PartMesh(DocumentObject):
         "Elements": Property("App::PropertyInteger", "Mesh", "Elements.", mode=("ReadOnly",)),
         "Status": _STATUS,
     }
+
+    def prepare(self, obj: Any) -> None:
+        """Take the part from the object's name, which FreeCAD may have given a number."""
+        obj.Part = "Shell" if obj.Name.startswith("Shell") else "Core"
 
 
 class AnalysisMesh(DocumentObject):

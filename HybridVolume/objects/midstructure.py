@@ -26,24 +26,13 @@ class MidstructureObject(DocumentObject):
             "body has none.",
             choices=METHODS,
         ),
-        "Samples": Property(
-            "App::PropertyInteger",
-            _SEARCH,
-            "Samples of the surface for the medial axis; 0 leaves the choice to the program.",
-        ),
-        "Decisions": Property(
-            "App::PropertyStringList",
-            _SEARCH,
-            "Sheets that a user kept or removed: 'kept' or 'removed', the pair of faces and a "
-            "point of the sheet (mm), e.g. 'removed Face3+Face9 @ 1.5 0 2'.",
-        ),
         "MethodUsed": Property(
             "App::PropertyString", _FOUND, "Method that gave the midstructure.", mode=("ReadOnly",)
         ),
-        "Sheets": Property(
+        "Decisions": Property(
             "App::PropertyStringList",
             _FOUND,
-            "The sheets: kept or removed, the faces, the area (mm²).",
+            "What was decided about each sheet: kept or removed, its faces, a point on it (mm).",
             mode=("ReadOnly",),
         ),
         "Facets": Property(

@@ -52,8 +52,12 @@ class DocumentObject:
     def __init__(self, obj: Any) -> None:
         obj.Proxy = self
         self.ensure_properties(obj)
+        self.prepare(obj)
         obj.SchemaVersion = self.SCHEMA
         attach_view(obj)
+
+    def prepare(self, obj: Any) -> None:
+        """Set what a new object must have before it is shown."""
 
     def ensure_properties(self, obj: Any) -> None:
         """Add what is absent from the object; leave the values that are there."""
@@ -70,6 +74,9 @@ class DocumentObject:
                 if value in row.choices:
                     setattr(obj, name, value)
             obj.setEditorMode(name, list(row.mode))
+            if row.mode:
+                # What the program writes must not make the document ask for a recompute.
+                obj.setPropertyStatus(name, "Output")
 
     def onDocumentRestored(self, obj: Any) -> None:
         """Bring an object of an older file up to date."""

@@ -94,7 +94,7 @@ class VolumeObject(DocumentObject):
         ),
         **{
             name: Property("App::PropertyLink", _PARTS, f"The {name}.", mode=("ReadOnly",))
-            for name in CHILDREN
+            for name in (*CHILDREN, "AnalysisBody")
         },
     }
 

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""The command line: ``python -m HybridVolume BODY.step [options]``, in FreeCAD's Python.
+
+Ends with 0 when every element is certified, 2 for an input that is refused (one line says why), 1
+for a fault of its own; 128 + n when signal n ended it. Nothing half-written ever stays.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import signal
+import sys
+import traceback
+from collections.abc import Sequence
+from typing import Any, NoReturn
+
+import HybridVolume
+from HybridVolume.completion import Screen, complete_file
+from HybridVolume.errors import HybridVolumeError
+from HybridVolume.job import exit_code
+
+METHODS = ("auto", "medial-axis", "skeleton", "distance")
+LATER = ("fit", "reproduce", "bench")
+"""Words that a later version takes as commands."""
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """End with code 2."""
+        self.exit(2, f"error: {message}; see ./run.sh --help\n")
+
+
+def _share(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.0 < value < 1.0:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number between 0 and 1")
+    return value
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is no count of 1 or more")
+    return int(text)
+
+
+def parser() -> Parser:
+    """Return the parser of the command line."""
+    p = Parser(
+        prog="./run.sh",
+        description="Complete the volume of the bodies of a STEP or BREP file: a shell of NURBS "
+        "elements that keeps their faces bit for bit, tetrahedra in the core, one mesh for FEM.",
+        epilog="Writes NAME.FCStd, NAME.vtu, NAME.inp, NAME.png and report.json. Ends with 0 when "
+        "every element is proved valid, 2 for an input that it refuses, 1 for a fault of its own.",
+    )
+    p.add_argument("body", metavar="BODY.step", help="STEP or BREP file with untrimmed NURBS faces")
+    p.add_argument("-o", "--output", metavar="DIR", help="output folder (default: ./NAME)")
+    p.add_argument(
+        "--w0",
+        type=_share,
+        default=0.5,
+        metavar="W",
+        help="thickness of the shell: share of the way to the midstructure (default: 0.5)",
+    )
+    p.add_argument(
+        "--layers", type=_count, metavar="N", help="layers of elements in the shell (default: 1)"
+    )
+    p.add_argument(
+        "--degree", type=_count, metavar="P", help="degree through the shell (default: 3)"
+    )
+    p.add_argument(
+        "--midstructure",
+        choices=METHODS,
+        default="auto",
+        help="what the shell grows towards (default: auto)",
+    )
+    p.add_argument(
+        "--order", type=int, choices=(1, 2), default=2, help="order of the FEM mesh (default: 2)"
+    )
+    p.add_argument(
+        "--nodes",
+        choices=("knots", "greville"),
+        default="knots",
+        help="nodes between shell and core (default: knots)",
+    )
+    p.add_argument(
+        "--tolerance",
+        type=_share,
+        default=1e-7,
+        metavar="T",
+        help="points closer than this share of the diagonal are one (default: 1e-7)",
+    )
+    p.add_argument("--free-only", action="store_true", help="leave the GPL parts out")
+    p.add_argument("--version", action="version", version=f"HybridVolume {HybridVolume.version}")
+    return p
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit code."""
+    options = parser().parse_args(arguments)
+    if options.body in LATER:
+        parser().error(f"{options.body} is no command of version {HybridVolume.version}")
+    # Warnings of the library are told in the report and in our own lines.
+    logging.getLogger("HybridVolume").addHandler(logging.NullHandler())
+    for name in ("SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), _interrupt)
+    screen = Screen()
+    try:
+        return complete_file(options, screen)
+    except HybridVolumeError as error:
+        screen.clear()
+        print(f"error: {error.line}", file=sys.stderr)
+        return exit_code(error)
+    except KeyboardInterrupt as stop:
+        screen.clear()
+        number = stop.args[0] if stop.args else signal.SIGINT
+        print("error: stopped; nothing was written", file=sys.stderr)
+        return 128 + int(number)
+    except Exception as fault:
+        screen.clear()
+        print(f"error: fault of HybridVolume: {type(fault).__name__}: {fault}", file=sys.stderr)
+        traceback.print_exc()
+        return 1
+
+
+def _interrupt(number: int, _: Any) -> NoReturn:
+    raise KeyboardInterrupt(number)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

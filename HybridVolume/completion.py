@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""What the command line does: the bodies of a file completed, and everything that comes of them."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from HybridVolume import report
+from HybridVolume.delivery import OutputFolder
+from HybridVolume.errors import HybridVolumeError
+from HybridVolume.freecad_python import import_freecad
+from HybridVolume.job import EXPORTS, REPORT_FILE, Job, Progress, exit_code, worker_python
+
+
+class Screen:
+    """Progress on standard output: one line that changes on a terminal, plain lines elsewhere."""
+
+    def __init__(self) -> None:
+        self._terminal = sys.stdout.isatty()
+        self._open = False
+        self._last = ""
+
+    def progress(self, name: str, news: Progress) -> None:
+        """Show how far a body is."""
+        text = f"{news.stage}: {news.text}" if news.text else news.stage
+        if self._terminal:
+            width = shutil.get_terminal_size().columns - 1
+            line = f"{name} [{100 * news.fraction:3.0f} %] {text}"[:width]
+            sys.stdout.write(f"\r\x1b[K{line}")
+            sys.stdout.flush()
+            self._open = True
+        elif text != self._last:
+            self._last = text
+            print(f"{name} [{100 * news.fraction:3.0f} %] {text}", flush=True)
+
+    def line(self, text: str) -> None:
+        """Write a line that stays."""
+        self.clear()
+        print(text, flush=True)
+
+    def clear(self) -> None:
+        """Take the changing line away."""
+        if self._open:
+            sys.stdout.write("\r\x1b[K")
+            sys.stdout.flush()
+            self._open = False
+
+
+@dataclass
+class Outcome:
+    """What became of one body: its part of the report, or why there is none."""
+
+    name: str
+    report: dict[str, Any] | None = None
+    error: HybridVolumeError | None = None
+
+
+def complete_file(options: argparse.Namespace, screen: Screen) -> int:
+    """Complete all bodies of a file and write what comes out.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Of the command line.
+    screen : Screen
+
+    Returns
+    -------
+    int
+        0 when all bodies are certified, else the highest exit code of those that are not.
+
+    Raises
+    ------
+    HybridVolumeError
+        Nothing could be delivered.
+    """
+    started = time.perf_counter()
+    stem = Path(options.body).stem
+    with OutputFolder(options.output or Path.cwd() / stem) as output:
+        python = worker_python()
+        import_freecad()
+        from HybridVolume import sources
+
+        bodies = sources.read_file(options.body)
+        reading = time.perf_counter() - started
+        writer = _Writer(options, output, screen, python, len(bodies))
+        outcomes = [writer.complete(number, body) for number, body in enumerate(bodies, start=1)]
+        refused = [outcome for outcome in outcomes if outcome.error]
+        if len(refused) == len(outcomes):
+            raise refused[0].error
+        writer.save_document(stem)
+        writer.save_report(outcomes, reading, started)
+        names = output.deliver()
+    for outcome in outcomes:
+        if outcome.report:
+            screen.line(summary(outcome))
+    screen.clear()
+    for outcome in refused:
+        print(f"error: {outcome.name}: {outcome.error.line}", file=sys.stderr)
+    screen.line(f"{os.path.relpath(output.path)}: {', '.join(names)}")
+    return max((exit_code(outcome.error) for outcome in refused), default=0)
+
+
+def summary(outcome: Outcome) -> str:
+    """Return the figures of a completed body in a line."""
+    shell, fem = outcome.report["shell"], outcome.report["fem"]
+    asked = "" if shell["w0"] >= 0.9 * shell["w0_asked"] else f" (asked: {shell['w0_asked']:.2f})"
+    return (
+        f"{outcome.name}: w0 {shell['w0']:.2f}{asked}, {shell['elements']} shell elements, all "
+        f"proved valid, {outcome.report['interior']['tets']} tets; FEM mesh of {fem['nodes']} "
+        f"nodes; {outcome.report['seconds']['total']:.1f} s"
+    )
+
+
+class _Writer:
+    """Completes bodies and collects what is delivered."""
+
+    def __init__(
+        self,
+        options: argparse.Namespace,
+        output: OutputFolder,
+        screen: Screen,
+        python: str,
+        bodies: int,
+    ) -> None:
+        self._options = options
+        self._output = output
+        self._screen = screen
+        self._python = python
+        self._bodies = bodies
+        self._prepared: list[Any] = []
+        self._document_seconds = 0.0
+
+    def complete(self, number: int, body: Any) -> Outcome:
+        """Complete one body; a refusal is kept in the outcome."""
+        outcome = Outcome(body.name, error=body.error)
+        if outcome.error is None:
+            try:
+                outcome.report = self._complete(number, body)
+            except HybridVolumeError as error:
+                outcome.error = error
+        return outcome
+
+    def _complete(self, number: int, body: Any) -> dict[str, Any]:
+        from HybridVolume.objects import document, volume
+
+        options = self._options
+        parameters = {
+            "W0": options.w0,
+            "Layers": options.layers,
+            "Degree": options.degree,
+            "Tolerance": options.tolerance,
+            "Midstructure.Method": options.midstructure,
+            "FemMesh.Order": "Second" if options.order == 2 else "First",
+            "FemMesh.Density": options.nodes,
+        }
+        job = Job(
+            body.faces,
+            name=body.name,
+            options=volume.options_of(parameters),
+            source={"file": Path(options.body).name, "bodies": self._bodies},
+            exports=EXPORTS,
+            python=self._python,
+            parent=self._output.scratch,
+        )
+        with job:
+            result = job.run(lambda news: self._screen.progress(body.name, news))
+            started = time.perf_counter()
+            stored = self._output.scratch / f"{body.name}.npz"
+            job.result_file.rename(stored)
+            prepared = document.Prepared(
+                document.Completed(
+                    name=body.name,
+                    shape=body.shape,
+                    solid=1,
+                    volume=result,
+                    result=stored,
+                    report=job.report(),
+                    parameters=parameters,
+                    fingerprint=volume.fingerprint(body.shape),
+                )
+            )
+            for export in EXPORTS:
+                job.exported(export).rename(self._output.files / f"{body.name}.{export}")
+        self._prepared.append(prepared)
+        self._document_seconds += time.perf_counter() - started
+        return prepared.report
+
+    def save_document(self, stem: str) -> None:
+        """Write the FreeCAD document with all bodies."""
+        from HybridVolume.objects import document
+
+        self._screen.progress(stem, Progress("document", 0.98, f"writing {stem}.FCStd"))
+        started = time.perf_counter()
+        document.save_new(self._prepared, self._output.files / f"{stem}.FCStd")
+        self._document_seconds += time.perf_counter() - started
+
+    def save_report(self, outcomes: Sequence[Outcome], reading: float, started: float) -> None:
+        """Write report.json."""
+        figures = report.file_report(
+            [outcome.report for outcome in outcomes if outcome.report],
+            [(outcome.name, outcome.error) for outcome in outcomes if outcome.error],
+            {"reading": reading, "document": self._document_seconds},
+            time.perf_counter() - started,
+        )
+        report.write(figures, self._output.files / REPORT_FILE)

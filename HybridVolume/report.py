@@ -1,0 +1,285 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""The figures of report.json; docs/report.md says what each means.
+
+A body's part is put together in the worker; the reader and FreeCAD add what only they know.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import math
+import platform
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from HybridVolume import __version__
+from HybridVolume.errors import FaultError, HybridVolumeError
+
+if TYPE_CHECKING:
+    from HybridVolume.core.hybrid import HybridVolume
+    from HybridVolume.core.midstructure import Midstructure
+    from HybridVolume.core.shell import Shell
+    from HybridVolume.core.surface import PatchSurface
+
+SCHEMA = 1
+"""Version of report.json: goes up when a key is removed or changes its meaning."""
+
+WHEELS = ("numpy", "scipy", "netgen-mesher", "gmsh", "pytetwild", "cgal", "scikit-fem", "pyvista")
+
+_ROUNDING = 1e-13
+"""Moves of control points below this share of the diagonal come from exact refinement."""
+
+
+def volume_report(
+    volume: HybridVolume, source: Mapping[str, Any], seconds: Mapping[str, float]
+) -> dict[str, Any]:
+    """Return one body's part of the report.
+
+    Parameters
+    ----------
+    volume : HybridVolume
+    source : mapping
+        What is known about the input besides its surface (``file``, ``bodies``).
+    seconds : mapping of str to float
+        Seconds by stage.
+    """
+    shell, interior, fem = volume.shell, volume.interior, volume.fem
+    return {
+        "version": SCHEMA,
+        "input": {**source, **surface_figures(volume.surface)},
+        "midstructure": midstructure_figures(volume.midstructure),
+        "field": dict(volume.field),
+        "shell": shell_figures(shell, volume),
+        "interior": {
+            "tets": len(interior.mesh),
+            "vertices": len(interior.mesh.vertices),
+            "mesher": interior.mesh.engine,
+            "boundary_exact": bool(interior.boundary_exact),
+            "min_dihedral_deg": float(interior.min_dihedral),
+            "volume": float(interior.volume),
+        },
+        "interface": {
+            "nodes": len(volume.interface.vertices),
+            "gap_volume": float(volume.gap_volume),
+        },
+        "fem": {
+            "nodes": len(fem.nodes),
+            "penta15": len(fem.wedges) if fem.order == 2 else 0,
+            "tet10": len(fem.tets) if fem.order == 2 else 0,
+            "penta6": len(fem.wedges) if fem.order == 1 else 0,
+            "tet4": len(fem.tets) if fem.order == 1 else 0,
+            "min_scaled_jacobian": fem.min_scaled_jacobian,
+            "volume": fem.volume,
+        },
+        "notes": list(shell.notes),
+        "seconds": {**seconds, "total": sum(seconds.values())},
+        "peak_memory_mb": peak_memory_mb(),
+        "versions": versions(),
+    }
+
+
+def surface_figures(surface: PatchSurface) -> dict[str, Any]:
+    """Figures of the closed surface, and how its patches compare with the faces given."""
+    moved = surface.moved > _ROUNDING * surface.diagonal
+    return {
+        "faces": len({patch.face for patch in surface.patches}),
+        "patches": len(surface.patches),
+        "control_points": len(surface.control_points),
+        "genus": list(surface.genus),
+        "shells": surface.shells,
+        "closed": True,
+        "volume": surface.volume(),
+        "area": surface.area(),
+        "faces_bit": int(np.count_nonzero(~moved & ~surface.exact)),
+        "faces_exact": int(np.count_nonzero(~moved & surface.exact)),
+        "faces_tolerance": int(np.count_nonzero(moved)),
+        "max_move": float(surface.moved.max(initial=0.0)),
+    }
+
+
+def midstructure_figures(midstructure: Midstructure) -> dict[str, Any]:
+    """Figures of the midstructure, and what was decided about each sheet."""
+    return {
+        "method": midstructure.method,
+        "sheets": len(midstructure.sheets),
+        "kept": midstructure.kept_sheets,
+        "facets": int(np.count_nonzero(midstructure.kept)),
+        "area": midstructure.area,
+        "decisions": [
+            {
+                "faces": list(sheet.faces),
+                "kept": bool(sheet.kept),
+                "reason": sheet.reason,
+                "area": float(sheet.area),
+                "point": [float(x) for x in sheet.seed],
+            }
+            for sheet in midstructure.sheets
+        ],
+    }
+
+
+def shell_figures(shell: Shell, volume: HybridVolume) -> dict[str, Any]:
+    """Figures of the shell and of its certificate.
+
+    Raises
+    ------
+    FaultError
+        The certificate does not belong to the shell.
+    """
+    from HybridVolume.core.validity import scaled_jacobian
+
+    certificate = volume.certificate
+    if len(certificate) != shell.element_count:
+        raise FaultError(
+            f"the certificate has {len(certificate)} elements, the shell {shell.element_count}"
+        )
+    thickness = shell.thickness()
+    sizes = shell.element_volumes()
+    columns = sizes.reshape(-1, shell.layer_count)
+    outer = np.abs(shell.layers[0] - volume.surface.control_points)
+    return {
+        "w0": float(shell.w0),
+        "w0_rms": float(shell.w0_rms),
+        "w0_asked": float(shell.w0_asked),
+        "embedded": bool(shell.embedded),
+        "thickness": {
+            "min": float(thickness.min()),
+            "mean": float(thickness.mean()),
+            "max": float(thickness.max()),
+        },
+        "degree": shell.degree_w,
+        "layers": shell.layer_count,
+        "elements": len(certificate),
+        "valid": certificate.valid,
+        "undecided": certificate.undecided,
+        "invalid": certificate.invalid,
+        "min_scaled_jacobian": float(scaled_jacobian(shell.bezier_elements()).min()),
+        "min_bernstein": float(certificate.min_bernstein.min()),
+        "volume": float(sizes.sum()),
+        "boundary_deviation": float(outer.max()),
+        "volume_ratio_max": float((columns.max(axis=1) / columns.min(axis=1)).max()),
+    }
+
+
+def file_report(
+    reports: Sequence[Mapping[str, Any]],
+    refused: Sequence[tuple[str, HybridVolumeError]],
+    seconds: Mapping[str, float],
+    total: float,
+) -> dict[str, Any]:
+    """Return the report of a whole file.
+
+    Parameters
+    ----------
+    reports : sequence of mapping
+        One for each completed body; at least one.
+    refused : sequence of (str, HybridVolumeError)
+        Names of the other bodies, and why.
+    seconds : mapping of str to float
+        Seconds spent on the whole file outside the workers.
+    total : float
+        Seconds from start to end.
+
+    Returns
+    -------
+    dict
+        The only body's figures at top level; of several, sums there and each in ``volumes``.
+    """
+    own = peak_memory_mb()
+    if len(reports) == 1 and not refused:
+        figures = dict(reports[0])
+    else:
+        figures = {"version": SCHEMA, **_sums(reports), "volumes": [dict(r) for r in reports]}
+        figures["refused"] = [{"name": name, **error.to_dict()} for name, error in refused]
+        figures["versions"] = reports[0]["versions"]
+    stages: dict[str, float] = dict(seconds)
+    for one in reports:
+        for stage, spent in one["seconds"].items():
+            if stage != "total":
+                stages[stage] = stages.get(stage, 0.0) + spent
+    figures["seconds"] = {**stages, "total": total}
+    # The worker runs while FreeCAD waits: the sum of both peaks is what the machine must have.
+    figures["peak_memory_mb"] = own + max(one["peak_memory_mb"] for one in reports)
+    figures["versions"] = {**figures["versions"], **_freecad_version()}
+    return figures
+
+
+def _sums(reports: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Sums over bodies of everything that adds up."""
+    summed = {
+        "input": ("faces", "patches", "control_points", "shells", "volume", "area")
+        + ("faces_bit", "faces_exact", "faces_tolerance"),
+        "midstructure": ("sheets", "kept", "facets", "area"),
+        "field": ("tets", "vertices"),
+        "shell": ("elements", "valid", "undecided", "invalid", "volume"),
+        "interior": ("tets", "vertices", "volume"),
+        "interface": ("nodes", "gap_volume"),
+        "fem": ("nodes", "penta15", "tet10", "volume", "faces_covered"),
+    }
+    sums = {
+        part: {name: sum(one[part][name] for one in reports) for name in names}
+        for part, names in summed.items()
+    }
+    sums["input"] = {
+        "file": reports[0]["input"]["file"],
+        "bodies": reports[0]["input"]["bodies"],
+        **sums["input"],
+    }
+    return sums
+
+
+def peak_memory_mb() -> float:
+    """Peak memory of this process plus that of its largest child so far, MB; 0 where unknown."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return 0.0
+    unit = 1e6 if sys.platform == "darwin" else 1e6 / 1024.0
+    usage = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(one.ru_maxrss for one in usage) / unit
+
+
+def versions() -> dict[str, str]:
+    """Versions of this program, of Python and of the wheels that are installed."""
+    found = {"HybridVolume": __version__, "python": platform.python_version()}
+    for name in WHEELS:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def _freecad_version() -> dict[str, str]:
+    freecad = sys.modules.get("FreeCAD")
+    return {"FreeCAD": ".".join(freecad.Version()[:3])} if freecad else {}
+
+
+def write(figures: Mapping[str, Any], path: Path) -> None:
+    """Write a report as JSON.
+
+    Raises
+    ------
+    FaultError
+        A figure is not finite: it was never computed.
+    """
+    bad = _not_finite(figures)
+    if bad:
+        raise FaultError(f"figures of the report are not finite: {', '.join(bad)}")
+    path.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+
+
+def _not_finite(value: Any, name: str = "") -> list[str]:
+    if isinstance(value, Mapping):
+        return [
+            bad for key, v in value.items() for bad in _not_finite(v, f"{name}.{key}".strip("."))
+        ]
+    if isinstance(value, list | tuple):
+        return [bad for i, v in enumerate(value) for bad in _not_finite(v, f"{name}[{i}]")]
+    return [name] if isinstance(value, float) and not math.isfinite(value) else []

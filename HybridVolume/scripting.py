@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""What macros and scripts call, in FreeCAD's Python; reached as ``HybridVolume.complete(...)``."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from HybridVolume.errors import InputError
+from HybridVolume.job import Job, Progress
+
+if TYPE_CHECKING:
+    from HybridVolume.core.hybrid import HybridVolume
+    from HybridVolume.core.midstructure import Midstructure
+    from HybridVolume.core.surface import PatchSurface, SplineFace
+    from HybridVolume.sources import Body
+
+
+def read_step(path: str | os.PathLike) -> list[Body]:
+    """Read the bodies of a STEP or BREP file.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    list of Body
+        One a solid; a refused one carries its ``error``.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or every body is refused.
+    """
+    from HybridVolume.freecad_python import import_freecad
+
+    import_freecad()
+    from HybridVolume.sources import read_file
+
+    return read_file(path)
+
+
+def complete(
+    body: Any,
+    w0: float = 0.5,
+    *,
+    progress: Callable[[Progress], None] | None = None,
+    python: str | None = None,
+    **options: Any,
+) -> HybridVolume:
+    """Complete the volume of a body; wait for the worker process.
+
+    Parameters
+    ----------
+    body : Body, Part.Shape, App.DocumentObject, PatchSurface or sequence of SplineFace
+        One closed body of untrimmed NURBS faces, mm.
+    w0 : float
+        Thickness of the shell: share of the way to the midstructure, in (0, 1).
+    progress : callable, optional
+        Called with a :class:`HybridVolume.job.Progress` now and then.
+    python : str, optional
+        Interpreter of the worker.
+    **options
+        Further options of :class:`HybridVolume.core.pipeline.Options`.
+
+    Returns
+    -------
+    HybridVolume
+
+    Raises
+    ------
+    HybridVolumeError
+        The body is refused, no valid shell was found, or the worker died.
+    """
+    with Job(faces_of(body), options={"w0": w0, **options}, python=python) as job:
+        return job.run(progress)
+
+
+def medial_axis(body: Any, samples: int | None = None) -> Midstructure:
+    """Compute the automatic midstructure of a body in this process (needs scipy).
+
+    Parameters
+    ----------
+    body
+        As for :func:`complete`.
+    samples : int, optional
+        Surface samples aimed at.
+    """
+    from HybridVolume.core.assembly import build_surface
+    from HybridVolume.core.midstructure import medial_axis as compute
+    from HybridVolume.core.surface import PatchSurface
+
+    surface = body if isinstance(body, PatchSurface) else build_surface(list(faces_of(body)))
+    return compute(surface) if samples is None else compute(surface, samples)
+
+
+def to_fem(volume: HybridVolume, doc: Any, order: int = 2, body: Any | None = None) -> Any:
+    """Add the conforming mesh of a hybrid volume to a document, ready for an analysis.
+
+    Parameters
+    ----------
+    volume : HybridVolume
+    doc : App.Document
+    order : {1, 2}
+    body : App.DocumentObject, optional
+        The body; loads and supports go on its faces, which are then checked.
+
+    Returns
+    -------
+    App.DocumentObject
+        A FEM mesh object with the groups Shell, Core, Interface and one for each CAD face.
+
+    Raises
+    ------
+    FaultError
+        FreeCAD did not take the whole mesh, or does not find its nodes on the body's faces.
+    """
+    from HybridVolume.core.finite_elements import conforming_mesh
+    from HybridVolume.objects import document
+
+    fem = volume.fem
+    if fem.order != order:
+        fem = conforming_mesh(volume.shell, volume.interface, volume.interior, order)
+    return document.insert_mesh(doc, fem, body)
+
+
+def to_document(
+    volume: HybridVolume, doc: Any, body: Any, report: dict[str, Any] | None = None
+) -> Any:
+    """Add a hybrid volume with all its parts to a document, as the workbench does.
+
+    Parameters
+    ----------
+    volume : HybridVolume
+    doc : App.Document
+    body : App.DocumentObject
+        The body that it was computed from.
+    report : dict, optional
+        Its figures; computed here otherwise.
+
+    Returns
+    -------
+    App.DocumentObject
+    """
+    import tempfile
+
+    from HybridVolume import sources
+    from HybridVolume.objects import document
+    from HybridVolume.objects.volume import parameters_of, source_fingerprint
+    from HybridVolume.report import volume_report
+
+    shape = sources.global_shape(body)
+    with tempfile.TemporaryDirectory(prefix="hybridvolume-") as folder:
+        path = Path(folder) / "result.npz"
+        volume.save(path)
+        prepared = document.Prepared(
+            document.Completed(
+                name=body.Label,
+                shape=shape,
+                solid=1,
+                volume=volume,
+                result=path,
+                report=report or volume_report(volume, {"file": body.Label, "bodies": 1}, {}),
+                parameters=parameters_of(volume),
+                fingerprint=source_fingerprint(body),
+            )
+        )
+        (obj,) = document.insert(doc, body, [prepared])
+    return obj
+
+
+def faces_of(body: Any) -> Sequence[SplineFace]:
+    """Faces of anything that :func:`complete` takes.
+
+    Raises
+    ------
+    InputError
+        It is refused, or holds several bodies.
+    """
+    from HybridVolume.core.surface import PatchSurface
+
+    if isinstance(body, PatchSurface):
+        return _faces_of_surface(body)
+    if isinstance(body, list | tuple):
+        return body
+    if not hasattr(body, "domains"):  # not a Body yet
+        from HybridVolume import sources
+
+        is_object = hasattr(body, "Document")
+        bodies = sources.read_object(body) if is_object else sources.read_shape(body)
+        if len(bodies) > 1:
+            raise InputError(
+                f"there are {len(bodies)} bodies", remedy="give one, e.g. shape.Solids[0]"
+            )
+        (body,) = bodies
+    if body.error:
+        raise body.error
+    return body.faces
+
+
+def _faces_of_surface(surface: PatchSurface) -> list[SplineFace]:
+    from HybridVolume.core.surface import SplineFace
+
+    return [
+        SplineFace(
+            name=patch.face,
+            degrees=patch.degrees,
+            knots=patch.knots,
+            control_points=surface.control_points[patch.index],
+            weights=patch.weights,
+        )
+        for patch in surface.patches
+    ]
