@@ -67,7 +67,10 @@ RUNS = (
         "free-only",
         "what the GPL parts serve, without them",
         ENVIRONMENT,
-        files=("test_core_tetmesh*.py", "test_core_midstructure*.py", "test_core_pipeline*.py"),
+        files=tuple(
+            f"test_core_{name}*.py"
+            for name in ("tetmesh", "midstructure", "medial", "interior", "pipeline")
+        ),
         variables={"HYBRIDVOLUME_FREE_ONLY": "1"},
     ),
     Run("freecad", "inside FreeCAD's Python", DISTRIBUTION, files=("test_freecad_*.py",)),
