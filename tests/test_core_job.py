@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""The job's side of the protocol against workers that answer, lie, hang and die."""
+
+import os
+import signal
+import stat
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bodies import torus
+
+from HybridVolume import job as protocol
+from HybridVolume.errors import GapError, SetupError, WorkerError
+from HybridVolume.job import Job
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="workers are made of POSIX scripts")
+
+
+@pytest.fixture
+def worker(tmp_path):
+    """Makes an interpreter that runs a text as the worker; FOLDER is its job's folder."""
+
+    def make(text: str) -> str:
+        path = tmp_path / "python"
+        path.write_text(
+            f"#!{sys.executable}\nimport os, sys, time\nFOLDER = sys.argv[-1]\n{text}\n"
+        )
+        path.chmod(path.stat().st_mode | stat.S_IXUSR)
+        return str(path)
+
+    return make
+
+
+def make_job(python: str, parent: Path, **keywords) -> Job:
+    return Job(torus().faces, name="torus", python=python, parent=parent, **keywords)
+
+
+ANSWER = """
+for name in ("result.npz", "report.json", "torus.vtu"):
+    open(os.path.join(FOLDER, name), "w").write("{}")
+print('{"stage": "front", "fraction": 0.25, "text": "half of it"}', flush=True)
+print('{"done": true}', flush=True)
+"""
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
+    except FileNotFoundError:
+        return False
+    return state != "Z"
+
+
+def wait_until(condition, seconds: float = 10.0) -> bool:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if condition():
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def test_faces_travel_bit_for_bit(tmp_path):
+    faces = torus().faces
+    protocol.write_surface(tmp_path / "surface.npz", faces)
+    again = protocol.read_surface(tmp_path / "surface.npz")
+    assert [face.name for face in again] == [face.name for face in faces]
+    for one, other in zip(faces, again, strict=True):
+        assert one.degrees == other.degrees and one.exact == other.exact
+        for a, b in zip(
+            (*one.knots, one.control_points, one.weights),
+            (*other.knots, other.control_points, other.weights),
+            strict=True,
+        ):
+            assert np.array_equal(a, b)
+
+
+def test_progress_and_answer(worker, tmp_path):
+    job = make_job(worker(ANSWER), tmp_path, exports=("vtu",))
+    news = []
+    job.start()
+    while job.state == "running":
+        news += job.poll(wait=0.1)
+    assert job.state == "done" and job.error is None
+    assert news == [protocol.Progress("front", 0.25, "half of it")]
+    assert job.report() == {} and job.exported("vtu").is_file()
+    folder = job.folder
+    job.close()
+    assert not folder.exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("print('Traceback: hello', flush=True); time.sleep(60)", "wrote 'Traceback: hello'"),
+        ("sys.exit(3)", "ended with code 3"),
+        ("os.abort()", "SIGABRT"),
+        ("os.kill(os.getpid(), 9)", "SIGKILL"),
+        ("print('{\"done\": true}', flush=True)", "did not write result.npz"),
+        ("print('{\"stage\": 1}', flush=True)", "wrote"),
+    ],
+)
+def test_workers_that_die_or_lie(worker, tmp_path, text, told):
+    job = make_job(worker(text), tmp_path)
+    with pytest.raises(WorkerError, match=told):
+        job.run()
+    assert job.state == "failed" and job.folder is None
+    assert [entry.name for entry in tmp_path.iterdir()] == ["python"]
+
+
+def test_an_error_arrives_whole(worker, tmp_path):
+    error = GapError("side gap 3e-4 mm", faces=("Face7", "Face12"), figure=3e-4, remedy="heal it")
+    text = f"import json; print(json.dumps({{'error': {error.to_dict()!r}}}), flush=True)"
+    with pytest.raises(GapError) as caught:
+        make_job(worker(text), tmp_path).run()
+    assert caught.value.line == error.line and caught.value.figure == 3e-4
+    assert protocol.exit_code(caught.value) == 2
+    assert protocol.exit_code(WorkerError("it died")) == 1
+
+
+GRANDCHILD = """
+import subprocess
+child = subprocess.Popen(["sleep", "300"])
+print('{"stage": "s", "fraction": 0, "text": "%d"}' % child.pid, flush=True)
+time.sleep(300)
+"""
+
+
+def grandchild_of(job: Job) -> int:
+    news = []
+    while not news:
+        news = job.poll(wait=0.1)
+    return int(news[0].text)
+
+
+def test_cancel_ends_the_meshers_too(worker, tmp_path):
+    job = make_job(worker(GRANDCHILD), tmp_path)
+    job.start()
+    pid = grandchild_of(job)
+    folder = job.folder
+    started = time.monotonic()
+    job.cancel()
+    assert time.monotonic() - started < 5.0
+    assert job.state == "cancelled" and not folder.exists()
+    assert wait_until(lambda: not is_alive(pid))
+
+
+def test_a_killed_worker_takes_its_meshers_along(worker, tmp_path):
+    job = make_job(worker(GRANDCHILD), tmp_path)
+    job.start()
+    pid = grandchild_of(job)
+    os.kill(job._process.pid, signal.SIGKILL)
+    assert wait_until(lambda: job.poll() == [] and job.state == "failed")
+    assert "SIGKILL" in job.error.line
+    assert wait_until(lambda: not is_alive(pid))
+
+
+def test_a_stubborn_worker_is_killed(worker, tmp_path):
+    text = "import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN)\n" + GRANDCHILD
+    job = make_job(worker(text), tmp_path)
+    job.start()
+    grandchild_of(job)
+    pid = job._process.pid
+    job.cancel()
+    assert not is_alive(pid)
+
+
+def test_a_missing_interpreter_says_what_to_do(tmp_path, monkeypatch):
+    monkeypatch.delenv("HYBRIDVOLUME_PYTHON", raising=False)
+    monkeypatch.setenv("HYBRIDVOLUME_ENVIRONMENT", str(tmp_path / "nowhere"))
+    with pytest.raises(SetupError, match=r"run \./run\.sh once or open Preferences"):
+        Job(torus().faces).prepare()
+    monkeypatch.setenv("HYBRIDVOLUME_PYTHON", str(tmp_path))
+    with pytest.raises(SetupError, match="is no interpreter"):
+        Job(torus().faces).prepare()
+
+
+PARENT = """
+import subprocess, sys
+worker = '''
+import subprocess
+from HybridVolume import worker
+worker.die_with_parent()
+child = subprocess.Popen(["sleep", "300"])
+print(child.pid, flush=True)
+child.wait()
+'''
+command = [sys.executable, "-c", worker]
+subprocess.Popen(command, stdin=subprocess.PIPE, start_new_session=True).wait()
+"""
+
+
+def test_the_worker_dies_with_its_parent():
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parent.parent)}
+    parent = subprocess.Popen(
+        [sys.executable, "-c", PARENT],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        env=environment,
+    )
+    with parent.stdout:
+        pid = int(parent.stdout.readline())
+        assert is_alive(pid)
+        parent.kill()
+        parent.wait()
+        assert wait_until(lambda: not is_alive(pid))
