@@ -63,10 +63,10 @@ def take_face(face: Any, name: str, diagonal: float) -> FaceReading | Refusal:
     diagonal : float
         Diagonal of the body's box, mm.
     """
-    edges = [edge for wire in face.Wires for edge in wire.childShapes(True, True)]
+    edges = face_edges(face)
     if any(edge.Degenerated for edge in edges):
         return Refusal("pole")
-    if any(edge.isSeam(face) for edge in edges) or _has_twins(edges):
+    if any(edge.isSeam(face) for edge in edges):
         return Refusal("seam")
     if len(face.Wires) != 1 or len(edges) < 4:
         return Refusal("trimmed")
@@ -75,8 +75,7 @@ def take_face(face: Any, name: str, diagonal: float) -> FaceReading | Refusal:
         return _take_rectangle(face, face, edges, name, diagonal)
     nurbs = face.toNurbs().Faces
     if len(nurbs) == 1 and len(nurbs[0].Wires) == 1:
-        converted = nurbs[0].Wires[0].childShapes(True, True)
-        reading = _take_rectangle(nurbs[0], face, converted, name, diagonal, edges)
+        reading = _take_rectangle(nurbs[0], face, face_edges(nurbs[0]), name, diagonal, edges)
         if isinstance(reading, FaceReading) or reading.kind != "trimmed":
             return reading
     if kind == "Part::GeomPlane":
@@ -86,8 +85,18 @@ def take_face(face: Any, name: str, diagonal: float) -> FaceReading | Refusal:
     return Refusal("trimmed")
 
 
-def _has_twins(edges: list) -> bool:
-    return any(a.isSame(b) for i, a in enumerate(edges) for b in edges[:i])
+def face_edges(face: Any) -> list:
+    """Edges of a face, degenerate ones included, a seam once."""
+    # FreeCAD 0.20 lists a seam twice, 1.0 once
+    edges: list = []
+    known: dict[int, list] = {}
+    for wire in face.Wires:
+        for edge in wire.childShapes(True, True):
+            alike = known.setdefault(edge.hashCode(), [])
+            if not any(edge.isSame(other) for other in alike):
+                alike.append(edge)
+                edges.append(edge)
+    return edges
 
 
 def _take_rectangle(

@@ -19,6 +19,7 @@ from .faces import (
     FaceReading,
     Refusal,
     distance_of_points,
+    face_edges,
     random_parameters,
     take_face,
 )
@@ -172,10 +173,9 @@ class EdgeUses:
     def __init__(self, faces: Iterable) -> None:
         self._buckets: dict[int, list[tuple[Any, list[int]]]] = {}
         for number, face in enumerate(faces):
-            for wire in face.Wires:
-                for edge in wire.childShapes(True, True):
-                    if not edge.Degenerated:
-                        self._slot(edge).append(number)
+            for edge in face_edges(face):
+                if not edge.Degenerated:
+                    self._slot(edge).extend([number] * (2 if edge.isSeam(face) else 1))
 
     def _slot(self, edge: Any) -> list[int]:
         bucket = self._buckets.setdefault(edge.hashCode(), [])
