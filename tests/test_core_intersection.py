@@ -223,6 +223,10 @@ def test_predicates_against_fractions():
         value = u[0] * v[1] - u[1] * v[0]
         assert flat[k] == (value > 0) - (value < 0)
     assert set(np.unique(sign)) == {-1, 0, 1}
+    small = 2.0**-352  # products underflow
+    a, b, c, d = (x - [1e4, 0, 0] for x in (a, b, c, d))
+    sign = orientation_3d(a, b, c, d)
+    assert np.array_equal(orientation_3d(a * small, b * small, c * small, d * small), sign)
     extreme = np.array([[1e-300, 0, 0], [1e300, 0, 0], [0, 1e-300, 0], [0, 0, 1e-300]])
     with np.errstate(over="ignore", invalid="ignore"):
         assert orientation_3d(*(extreme[k : k + 1] for k in range(4)))[0] != 0

@@ -14,6 +14,7 @@ from HybridVolume.core.validity import (
     UNDECIDED,
     VALID,
     certify,
+    decide,
     scaled_jacobian,
     worst_points,
 )
@@ -372,6 +373,20 @@ def test_depth_limits_and_work_is_bounded():
     shallow = certify([batch([twisted(3.1)])], max_depth=0)
     assert shallow.status[0] == UNDECIDED
     assert certify([batch([twisted(3.1)])]).status[0] == VALID
+
+
+def test_unfinished_boxes_are_undecided():
+    # (u - 1/3)^2 + 0.01: positive, but only deep boxes show it.
+    u = np.array([1 / 9 + 0.01, -2 / 9 + 0.01, 4 / 9 + 0.01])
+    coefficients = np.broadcast_to(u[:, None, None, None], (3, 2, 2, 1)).copy()
+    for depth, status in ((0, UNDECIDED), (1, UNDECIDED), (6, VALID)):
+        found, lower, used = decide(coefficients, np.full(1, 1e-15), max_depth=depth)
+        assert found[0] == status
+        assert (lower[0] > 0) == (status == VALID)
+        assert used <= depth
+    assert lower[0] <= 0.01
+    coefficients -= 0.02
+    assert decide(coefficients, np.full(1, 1e-15), max_depth=6)[0][0] == INVALID
 
 
 def test_speed():
