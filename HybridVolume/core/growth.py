@@ -24,36 +24,47 @@ from .intersection import self_intersections, surfaces_intersect
 from .levels import equal_volume_layers, uniform_layers
 from .shell import Shell
 from .surface import PatchSurface
-from .untangle import ColumnEnergy, optimise
+from .untangle import ColumnEnergy, elements_with, optimise, points_of
 from .validity import Certificate, certify
 
 logger = logging.getLogger(__name__)
 
-FIDELITIES = (0.3, 3.0)
-"""Weights of the isosurface term, one after the other."""
+FIDELITY = 3.0
+"""Weight of the isosurface term."""
 CLOSE = 10.0
-"""Weight that follows when the level reached is more than a tenth off."""
+"""Weight that follows when the level reached is more than a twentieth off."""
 THIN_STARTS = (0.5, 0.35, 0.25, 0.15, 0.1, 0.05, 0.025, 0.01)
 """Thicknesses of the thin start, as shares of the shortest net edge nearby."""
-STAGES = 4
-CHUNK = 15
-REJECTIONS = 5
+REPAIRS = 9
+"""Most local repairs in a row."""
+GRID = 2
+"""Cells a knot span in the triangulations that are tested for crossings."""
 
 
 @dataclass(frozen=True)
 class _State:
-    """A set of columns and what is known about them."""
+    """A set of columns and what is known about them.
+
+    ``target`` is the level that each Greville point of the inner surface was drawn to: less than
+    the level asked where a repair had to make the shell thinner.
+    """
 
     d: np.ndarray
+    target: np.ndarray
     certificate: Certificate
-    crossings: int
-    w: np.ndarray
+    crossing: np.ndarray  # elements whose inner sides cut something
     mean: float
     rms: float
 
     @property
     def accepted(self) -> bool:
-        return self.certificate.all_valid and self.crossings == 0
+        return self.certificate.all_valid and not len(self.crossing)
+
+    @property
+    def bad(self) -> np.ndarray:
+        """Surface elements that are not proved or that cross others."""
+        unproved = self.certificate.element[self.certificate.status < 1]
+        return np.union1d(unproved, self.crossing)
 
 
 class _Grower:
@@ -73,102 +84,158 @@ class _Grower:
         check_surface(surface, self.frame)
         self.nodal = _nodal_matrix(surface)
         self.bulge = _polynomial_correction(surface, self.frame.nodes, self.nodal)
-        # a grid that resolves the curves of the inner surface and holds the interface's nodes
-        self.u, self.v = surface.grid_parameters(2)
+        self.reach = 0.3 * self.frame.spacing
+        self.u, self.v = surface.grid_parameters(GRID)
         self.outer = surface.triangulation_at(self.u, self.v)
+        self.triangle_element = _triangle_elements(surface)
 
     def shell(self, d: np.ndarray) -> Shell:
         layers = uniform_layers(self.surface.control_points, d, self.degree_w, self.knots_w)
         return Shell(self.surface, layers, self.degree_w, self.knots_w)
 
-    def check(self, d: np.ndarray) -> _State:
+    def check(self, d: np.ndarray, target: np.ndarray) -> _State:
         shell = self.shell(d)
         certificate = certify(shell.bezier_elements())
-        crossings = 0
-        if certificate.all_valid:
-            crossings = self.crossings(shell)
+        crossing = np.zeros(0, dtype=int)
+        # far from valid there is nothing to be learnt from crossings
+        if certificate.invalid + certificate.undecided <= 0.02 * self.surface.element_count:
+            crossing = self.crossing_elements(shell)
         inner = self.nodal @ (self.surface.control_points + d)
         w, _, _ = self.field.evaluate(inner)
         area = self.frame.area / self.frame.area.sum()
         mean = float(area @ w)
         rms = float(np.sqrt(area @ (w - mean) ** 2))
-        state = _State(d, certificate, crossings, w, mean, rms)
         logger.info(
-            "columns: %d invalid, %d undecided, %d crossings, w %.3f (rms %.3f)",
+            "columns: %d invalid, %d undecided, %d crossing, w %.3f (rms %.3f)",
             certificate.invalid,
             certificate.undecided,
-            crossings,
+            len(crossing),
             mean,
             rms,
         )
-        return state
+        return _State(d, target, certificate, crossing, mean, rms)
 
-    def crossings(self, shell: Shell) -> int:
-        """Triangle pairs in which the inner surface cuts itself or the outer one."""
+    def crossing_elements(self, shell: Shell) -> np.ndarray:
+        """Elements over which the inner surface cuts itself or the outer one."""
         inner = shell.inner_surface().triangulation_at(self.u, self.v)
-        own = len(self_intersections(inner.vertices, inner.triangles))
-        if own:
-            return own
-        return len(
-            surfaces_intersect(
-                inner.vertices, inner.triangles, self.outer.vertices, self.outer.triangles
-            )
+        own = self_intersections(inner.vertices, inner.triangles)
+        other = surfaces_intersect(
+            inner.vertices, inner.triangles, self.outer.vertices, self.outer.triangles
         )
-
-    def energy(self, level: float, d: np.ndarray) -> ColumnEnergy:
-        """Energy towards a level, with the thickness of the columns ``d`` as reference."""
-        along = self.frame.mean_normal_length(d - self.bulge)
-        floor = 0.1 * np.median(along[along > 0]) if (along > 0).any() else self.frame.spacing.min()
-        reference = self.frame.smooth(np.maximum(along, floor), 2)
-        return ColumnEnergy(self.surface, self.field, level, reference, self.degree_w, self.nodal)
-
-    def improve(self, energy: ColumnEnergy, d: np.ndarray, fidelity: float) -> _State:
-        """Optimise, prove, and watch what could not be proved more closely, twice at most."""
-        state = self.check(optimise(energy, d, fidelity))
-        for count in (7, 10):
-            if state.certificate.all_valid:
-                break
-            bad = state.certificate.element[state.certificate.status < 1]
-            if len(bad) > 0.2 * self.surface.element_count:
-                break
-            energy.add_samples(np.unique(bad), count)
-            state = self.check(optimise(energy, state.d, fidelity, rounds=4, steps=60))
-        return state
+        triangles = np.concatenate([own.ravel(), other[:, 0]])
+        return np.unique(self.triangle_element[triangles.astype(int)])
 
     def front(self, level: float) -> np.ndarray:
         """Displacements of the control points to the solved front at a level."""
         return self.bulge + solve_front(self.surface, self.frame, self.field, level)
 
+    def reference(self, d: np.ndarray) -> np.ndarray:
+        """Thickness at the control points that the elements should have, from columns ``d``."""
+        along = self.frame.mean_normal_length(d - self.bulge)
+        usable = along > 0
+        floor = 0.1 * np.median(along[usable]) if usable.any() else 0.1
+        floor = np.minimum(floor, 0.5 * self.frame.spacing)
+        return self.frame.smooth(np.maximum(along, floor), 2)
+
+    def energy(
+        self,
+        d: np.ndarray,
+        target: np.ndarray,
+        reference: np.ndarray,
+        fidelity: float,
+        free: np.ndarray | None = None,
+    ) -> ColumnEnergy:
+        """Energy of the columns ``d``, all or some of them free."""
+        return ColumnEnergy(
+            self.surface,
+            self.field,
+            target,
+            reference,
+            self.degree_w,
+            self.nodal,
+            d,
+            free=free,
+            fidelity=fidelity,
+        )
+
+    def settle(self, d: np.ndarray, target: np.ndarray, fidelity: float) -> _State:
+        """Repair what is not proved or crosses: locally, ever wider, and thinner where need be."""
+        state = self.check(d, target)
+        for number in range(REPAIRS):
+            bad = state.bad
+            if not len(bad) or len(bad) > 0.3 * self.surface.element_count:
+                break
+            d, target = state.d, state.target
+            near = self.nearness(bad, 2 + number)
+            # overlap is no matter of shape: only a thinner shell cures it
+            if number or len(state.crossing):
+                d, target = self.thinner(d, target, near)
+            energy = self.energy(d, target, self.reference(d), fidelity, near > 0)
+            energy.add_samples(np.intersect1d(bad, energy.elements), 7 if number < 3 else 9)
+            state = self.check(optimise(energy, self.reach, rounds=6, steps=40), target)
+        return state
+
+    def nearness(self, elements: np.ndarray, rings: int) -> np.ndarray:
+        """1 at the control points of some elements, falling to 0 over rings of elements."""
+        points = points_of(self.surface, elements)
+        near = np.zeros(len(self.reach))
+        for ring in range(rings):
+            share = 1.0 - ring / rings
+            near[points] = np.maximum(near[points], share)
+            points = points_of(self.surface, elements_with(self.surface, points))
+        return near
+
+    def thinner(
+        self, d: np.ndarray, target: np.ndarray, near: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Draw columns back to half their thickness along the most inward direction."""
+        along = np.maximum(self.frame.mean_normal_length(d - self.bulge), 0.1 * self.frame.spacing)
+        straight = self.bulge + 0.5 * along[:, None] * self.frame.direction
+        share = near[:, None]
+        return (1.0 - share) * d + share * straight, target * (1.0 - 0.4 * near)
+
+    def advance(self, state: _State, level: float, fidelity: float) -> _State:
+        """Optimise all columns towards a level, then repair."""
+        target = level * np.minimum(1.0, state.target / state.target.max())
+        reference = self.reference(state.d)
+        energy = self.energy(state.d, target, reference, fidelity)
+        return self.settle(optimise(energy, self.reach), target, fidelity)
+
     def from_front(self, level: float) -> _State | None:
-        """The whole way at once: solved front, then optimisation with growing fidelity."""
+        """The whole way at once: solved front, repair where it is not valid, then optimisation."""
         front = self.front(level)
         self.report(0.3, f"front at w0 = {level:.3g}")
-        energy = self.energy(level, front)
-        best, d = None, front
-        for number, fidelity in enumerate((*FIDELITIES, CLOSE)):
-            if fidelity == CLOSE and (best is None or abs(best.mean - level) < 0.1 * level):
+        target = np.full(len(front), level)
+        first = self.check(front, target)
+        if len(first.bad) > 0.1 * self.surface.element_count:
+            first = self.advance(first, level, 0.1 * FIDELITY)
+        else:
+            first = self.settle(front, target, 0.1 * FIDELITY)
+        self.report(0.5, f"repaired, w = {first.mean:.3g}")
+        best = first if first.accepted else None
+        for number, fidelity in enumerate((FIDELITY, CLOSE)):
+            if best is not None and fidelity == CLOSE and best.mean > 0.95 * level:
                 break
-            state = self.improve(energy, d, fidelity)
-            self.report(0.4 + 0.1 * number, f"elements optimised, w = {state.mean:.3g}")
+            state = self.advance(best or first, level, fidelity)
+            self.report(0.6 + 0.1 * number, f"elements optimised, w = {state.mean:.3g}")
             if state.accepted:
                 best = state
             elif best is not None:
                 break
-            d = state.d
         return best
 
     def thin_start(self) -> tuple[_State | None, _State]:
         """The thickest of the thin straight shells that is proved, and the last one tried."""
         spacing = self.frame.smooth(self.frame.spacing, 3, least=True)
-        state = None
         for share in THIN_STARTS:
-            state = self.check(self.bulge + (share * spacing)[:, None] * self.frame.direction)
+            d = self.bulge + (share * spacing)[:, None] * self.frame.direction
+            state = self.check(d, np.ones(len(d)))
             if state.accepted:
                 return state, state
         return None, state
 
     def grow(self, level: float) -> _State:
-        """Start thin and grow in stages; a stage that fails is repeated in small checked steps.
+        """Start thin and grow in stages; a stage that fails is tried again with half the step.
 
         Raises
         ------
@@ -179,36 +246,16 @@ class _Grower:
         if best is None:
             raise self.failure(last)
         self.report(0.5, f"thin start, w = {best.mean:.3g}")
-        for stage in np.linspace(0.0, 1.0, STAGES + 1)[1:]:
-            # equal steps in the square root: convex edges recede like sqrt(w0)
-            goal = (np.sqrt(max(best.mean, 0.0)) * (1 - stage) + np.sqrt(level) * stage) ** 2
-            if goal <= best.mean:
-                continue
-            energy = self.energy(goal, self.front(goal))
-            state = self.improve(energy, best.d, FIDELITIES[-1])
-            if not state.accepted:
-                state = self.guarded(energy, best)
-            gained = state.mean > best.mean + 1e-3 * level
-            if state.mean >= best.mean:
+        ratio, goal = 2.0, 0.0
+        while best.mean < 0.97 * level and ratio > 1.1:
+            goal = min(level, max(best.mean, 0.005) * ratio)
+            state = self.advance(best, goal, FIDELITY)
+            if state.accepted and state.mean > best.mean * 1.02:
                 best = state
-            self.report(0.5 + 0.4 * stage, f"stage to w = {goal:.3g}: {best.mean:.3g}")
-            if not gained:
-                break
-        return best
-
-    def guarded(self, energy: ColumnEnergy, start: _State) -> _State:
-        """Short optimisation runs, each proved before it counts."""
-        best, share, chunk, rejected = start, 1.0, CHUNK, 0
-        while rejected < REJECTIONS:
-            moved = optimise(energy, best.d, FIDELITIES[-1], rounds=1, steps=chunk)
-            state = self.check(best.d + share * (moved - best.d))
-            if state.accepted:
-                if abs(state.mean - best.mean) < 2e-3 * energy.w0:
-                    return state
-                best = state
+                share = np.log(best.mean / 0.005) / np.log(level / 0.005)
+                self.report(0.5 + 0.4 * float(np.clip(share, 0, 1)), f"w = {best.mean:.3g}")
             else:
-                rejected += 1
-                share, chunk = 0.3 * share, max(5, chunk // 2)
+                ratio = np.sqrt(ratio)
         return best
 
     def failure(self, state: _State) -> errors.ThicknessError:
@@ -220,14 +267,25 @@ class _Grower:
             count = int(bad.sum())
             what = f"{count} elements at these faces are not valid even in a thin shell"
         else:
-            patches = []
-            what = f"the thin shell cuts itself in {state.crossings} places"
+            patches = np.unique(self.surface.element_patch[state.crossing])
+            what = f"the shell cuts itself at {len(state.crossing)} elements even where it is thin"
         return errors.ThicknessError(
             what,
             faces=[self.surface.patches[k].face for k in patches],
-            figure=float(bad.sum() or state.crossings),
+            figure=float(bad.sum() or len(state.crossing)),
             remedy="look for folds, slivers or faces that touch, and rebuild them",
         )
+
+
+def _triangle_elements(surface: PatchSurface) -> np.ndarray:
+    """Element of every triangle of the surface's triangulation with GRID cells a span."""
+    found, start = [], 0
+    for patch in surface.patches:
+        spans = [len(bspline.breakpoints(knots)) - 1 for knots in patch.knots]
+        i, j = np.indices((GRID * spans[0], GRID * spans[1]))
+        found.append(start + (i // GRID * spans[1] + j // GRID).ravel())
+        start += spans[0] * spans[1]
+    return np.repeat(np.concatenate(found), 2)
 
 
 def _nodal_matrix(surface: PatchSurface) -> sparse.csr_matrix:

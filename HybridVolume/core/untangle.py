@@ -10,20 +10,26 @@ points; every derivative of the shell is affine in D, also for rational patches.
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
-from scipy.optimize import minimize
+from scipy.sparse.linalg import splu
 
 from .bezier import bernstein
 from .harmonic import HarmonicField
 from .surface import PatchSurface
 
+logger = logging.getLogger(__name__)
+
 LOBATTO_5 = 0.5 + 0.5 * np.array([-1.0, -np.sqrt(3.0 / 7.0), 0.0, np.sqrt(3.0 / 7.0), 1.0])
 LOBATTO_4 = 0.5 + 0.5 * np.array([-1.0, -np.sqrt(0.2), np.sqrt(0.2), 1.0])
 AREA_SHARE = 0.05
 """Weight of the volume term; without it cells shrink to nothing."""
+BARRIER = 1e-9
+"""Regularisation at which an inverted sample costs so much that no step takes it."""
 
 
 @dataclass(frozen=True)
@@ -154,76 +160,142 @@ def _reference_frames(s_u: np.ndarray, s_v: np.ndarray, thickness: np.ndarray) -
 
 
 class ColumnEnergy:
-    """Quality of all elements of a shell with straight columns, and its distance from w = w0.
+    """Quality of the elements of a shell with straight columns, and its distance from w = w0.
+
+    The unknowns are the displacements of the free control points; elements that none of them
+    touches are left out, so that a repair costs what its region costs.
 
     Parameters
     ----------
     surface : PatchSurface
     field : HarmonicField
-    w0 : float
-        Level that the inner surface should lie on.
+    target : (n,) array
+        Level that the inner surface should lie on at each Greville point.
     reference : (n,) array
         Thickness expected at each control point, mm.
     degree_w : int
         Degree in w; one Bézier layer.
     nodal : (n, n) sparse matrix
         Polynomial B-splines at the Greville abscissae.
+    d : (n, 3) array
+        Displacements, mm; those that are not free stay as they are.
+    free : (n,) bool array, optional
+        Control points that may move; all by default.
+    fidelity : float
+        Weight of the distance from the target.
     """
 
     def __init__(
         self,
         surface: PatchSurface,
         field: HarmonicField,
-        w0: float,
+        target: np.ndarray,
         reference: np.ndarray,
         degree_w: int,
         nodal: sparse.csr_matrix,
+        d: np.ndarray,
+        *,
+        free: np.ndarray | None = None,
+        fidelity: float = 0.0,
     ) -> None:
         self.surface = surface
         self.field = field
-        self.w0 = w0
-        self.reference = reference
         self.degree_w = degree_w
-        self.nodal = nodal
-        self.nodal_t = nodal.T.tocsr()
-        everything = np.arange(surface.element_count)
-        self.sets = [_sample_set(surface, reference, degree_w, LOBATTO_5, LOBATTO_4, everything)]
-        self.fidelity = 0.0
-        self.eps = 1e-9
+        self.reference = reference
+        self.fidelity = fidelity
+        self.eps = BARRIER
+        self.d = d.copy()
+        self.free = np.arange(len(d)) if free is None else np.flatnonzero(free)
+        self.elements = elements_with(surface, self.free)
+        touched = np.zeros(len(d))
+        touched[self.free] = 1.0
+        self.nodes = np.flatnonzero(nodal @ touched > 0)
+        self.nodal = nodal[self.nodes]
+        self.nodal_t = self.nodal.T.tocsr()
+        self.target = target[self.nodes]
+        self.sets: list[_SampleSet] = []
+        self.shares: list[float] = []
+        self._watch(self.elements, LOBATTO_5, LOBATTO_4)
+
+    def _watch(self, elements: np.ndarray, uv: np.ndarray, w: np.ndarray) -> None:
+        samples = _sample_set(self.surface, self.reference, self.degree_w, uv, w, elements)
+        self.sets.append(samples)
+        # every element counts the same, however many samples it has
+        per_element = len(uv) ** 2 * len(w)
+        self.shares.append(1.0 / per_element / self.surface.element_count)
 
     def add_samples(self, elements: np.ndarray, count: int) -> None:
         """Watch some elements at a finer Chebyshev grid as well."""
         line = 0.5 - 0.5 * np.cos(np.pi * np.arange(count) / (count - 1))
-        self.sets.append(
-            _sample_set(self.surface, self.reference, self.degree_w, line, line, elements)
-        )
+        self._watch(elements, line, line)
+
+    def start(self) -> np.ndarray:
+        """The free displacements as the flat vector that the other methods take."""
+        return self.d[self.free].ravel()
+
+    def displacements(self, flat: np.ndarray) -> np.ndarray:
+        """All displacements for a flat vector of the free ones, (n, 3)."""
+        d = self.d.copy()
+        d[self.free] = flat.reshape(-1, 3)
+        return d
 
     def level(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Field and gradient at the inner surface's Greville points, (n,) and (n, 3)."""
+        """Field and gradient at the inner surface's Greville points that can move."""
         w, gradient, _ = self.field.evaluate(self.nodal @ (self.surface.control_points + d))
         return w, gradient
 
-    def least_determinant(self, d: np.ndarray) -> float:
+    def preconditioner(self) -> Callable[[np.ndarray], np.ndarray]:
+        """Solver of the energy's convex part: the Dirichlet energy of A and the pull to w = w0.
+
+        Both act alike on the three coordinates, so one factorisation serves all of them.
+        """
+        n = len(self.d)
+        matrix = sparse.csr_matrix((n, n))
+        for samples, share in zip(self.sets, self.shares, strict=True):
+            blocks = []
+            for level in range(len(samples.scale)):
+                for k in range(3):
+                    blocks.append(
+                        sparse.diags(samples.scale[level] * samples.inverse[0, k]) @ samples.dv
+                        + sparse.diags(samples.scale[level] * samples.inverse[1, k]) @ samples.du
+                        + sparse.diags(samples.cross[level, k]) @ samples.values
+                    )
+            part = sparse.vstack(blocks, format="csr")
+            matrix = matrix + 2.0 / 3.0 * share * (part.T @ part)
+        if self.fidelity > 0.0:
+            _, slope = self.level(self.d)
+            steep = np.einsum("li,li->l", slope, slope) / self.target**2
+            steep *= 2.0 * self.fidelity / n / 3.0
+            matrix = matrix + self.nodal_t @ sparse.diags(steep) @ self.nodal
+        matrix = matrix[self.free][:, self.free]
+        matrix = matrix + 1e-12 * matrix.diagonal().mean() * sparse.eye(len(self.free))
+        solve = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+        return lambda flat: solve.solve(flat.reshape(-1, 3)).ravel()
+
+    def least_determinant(self, flat: np.ndarray) -> float:
         """Smallest det J relative to the reference over all samples."""
+        d = self.displacements(flat)
         return min(float(_determinants(s, d).min()) for s in self.sets)
 
     def __call__(self, flat: np.ndarray) -> tuple[float, np.ndarray]:
-        """Energy and gradient for a flat displacement vector."""
-        d = flat.reshape(-1, 3)
+        """Energy and gradient for a flat vector of free displacements."""
+        d = self.displacements(flat)
         energy, gradient = 0.0, np.zeros_like(d)
-        for samples in self.sets:
-            part, pull = self._distortion(samples, d)
+        for samples, share in zip(self.sets, self.shares, strict=True):
+            part, pull = self._distortion(samples, share, d)
             energy += part
             gradient += pull
         if self.fidelity > 0.0:
             w, slope = self.level(d)
-            off = (w - self.w0) / self.w0
-            share = self.fidelity / len(off)
+            off = (w - self.target) / self.target
+            share = self.fidelity / len(d)
             energy += share * float(off @ off)
-            gradient += self.nodal_t @ ((2.0 * share / self.w0) * off[:, None] * slope)
-        return energy, gradient.ravel()
+            gradient += self.nodal_t @ ((2.0 * share * off / self.target)[:, None] * slope)
+        return energy, gradient[self.free].ravel()
 
-    def _distortion(self, samples: _SampleSet, d: np.ndarray) -> tuple[float, np.ndarray]:
+    def _distortion(
+        self, samples: _SampleSet, share: float, d: np.ndarray
+    ) -> tuple[float, np.ndarray]:
         a = samples.columns(d)
         cofactors = _cofactors(a)
         det = _dot(a[:, 0], cofactors[:, 0])
@@ -235,7 +307,6 @@ class ColumnEnergy:
         third = np.cbrt(chi) ** -2
         shape = (a * a).sum(axis=(1, 2)) * third / 3.0
         volume = AREA_SHARE * (1.0 + det**2) / chi
-        share = 1.0 / det.size
         energy = share * float((shape + volume).sum())
         by_det = -(2.0 / 3.0 * shape + volume) / chi * dchi + 2.0 * AREA_SHARE * det / chi
         by_det *= share
@@ -270,18 +341,97 @@ def _determinants(samples: _SampleSet, d: np.ndarray) -> np.ndarray:
     return det
 
 
+def minimise(
+    energy: ColumnEnergy,
+    start: np.ndarray,
+    precondition: Callable[[np.ndarray], np.ndarray],
+    reach: np.ndarray,
+    steps: int,
+    tolerance: float = 1e-4,
+) -> np.ndarray:
+    """Preconditioned L-BFGS whose steps stay shorter than a given reach of every control point.
+
+    Parameters
+    ----------
+    energy : ColumnEnergy
+    start : (3 n,) array
+    precondition : callable
+        Approximate inverse of the Hessian.
+    reach : (n,) array
+        Longest way of each control point in one step, mm: a long step could jump over inverted
+        states between two samples.
+    steps : int
+        Most iterations.
+    tolerance : float
+        Relative decrease over five steps at which to stop.
+
+    Returns
+    -------
+    (3 n,) array
+    """
+    x = start.copy()
+    value, gradient = energy(x)
+    pairs: list[tuple[np.ndarray, np.ndarray, float]] = []
+    values = [value]
+    for _ in range(steps):
+        direction = -_two_loop(gradient, pairs, precondition)
+        slope = float(gradient @ direction)
+        if slope >= 0.0:
+            pairs.clear()
+            direction = -precondition(gradient)
+            slope = float(gradient @ direction)
+            if slope >= 0.0:
+                break
+        moves = np.linalg.norm(direction.reshape(-1, 3), axis=1)
+        length = min(1.0, float((reach / np.maximum(moves, 1e-300)).min()))
+        for _ in range(25):
+            trial = x + length * direction
+            new_value, new_gradient = energy(trial)
+            if new_value <= value + 1e-4 * length * slope:
+                break
+            curve = 2.0 * (new_value - value - length * slope)
+            best = -slope * length**2 / curve if np.isfinite(curve) and curve > 0 else 0.0
+            length = float(np.clip(best, 0.1 * length, 0.5 * length))
+        else:
+            break
+        s, y = trial - x, new_gradient - gradient
+        if float(s @ y) > 1e-12 * np.linalg.norm(s) * np.linalg.norm(y):
+            pairs = [*pairs[-11:], (s, y, 1.0 / float(s @ y))]
+        x, value, gradient = trial, new_value, new_gradient
+        values.append(value)
+        if len(values) > 5 and values[-6] - value <= tolerance * abs(value):
+            break
+    return x
+
+
+def _two_loop(
+    gradient: np.ndarray,
+    pairs: list[tuple[np.ndarray, np.ndarray, float]],
+    precondition: Callable[[np.ndarray], np.ndarray],
+) -> np.ndarray:
+    q = gradient.copy()
+    shares = []
+    for s, y, rho in reversed(pairs):
+        share = rho * float(s @ q)
+        shares.append(share)
+        q -= share * y
+    q = precondition(q)
+    for (s, y, rho), share in zip(pairs, reversed(shares), strict=True):
+        q += (share - rho * float(y @ q)) * s
+    return q
+
+
 def optimise(
-    energy: ColumnEnergy, d: np.ndarray, fidelity: float, *, rounds: int = 8, steps: int = 100
+    energy: ColumnEnergy, reach: np.ndarray, *, rounds: int = 10, steps: int = 60
 ) -> np.ndarray:
     """Untangle and improve: lower the regularisation until no sample is inverted, then polish.
 
     Parameters
     ----------
     energy : ColumnEnergy
-    d : (n, 3) array
-        Start, mm.
-    fidelity : float
-        Weight of the term that holds the inner surface at w0.
+        Its displacements are the start.
+    reach : (n,) array
+        Longest way of each control point in one step, mm.
     rounds, steps : int
         Most rounds of the regularisation, most iterations in a round.
 
@@ -289,24 +439,33 @@ def optimise(
     -------
     (n, 3) array
     """
-    energy.fidelity = fidelity
-    least = energy.least_determinant(d)
-    energy.eps = 1e-9 if least > 0 else 1.0
+    flat = energy.start()
+    least = energy.least_determinant(flat)
+    energy.eps = BARRIER if least > 0 else 1.0
+    precondition = energy.preconditioner()
     for _ in range(rounds):
         if least <= 0:
             energy.eps = min(max(0.5 * abs(least), 1e-6), 0.7 * energy.eps)
-        found = minimize(
-            energy,
-            d.ravel(),
-            jac=True,
-            method="L-BFGS-B",
-            options={"maxcor": 12, "maxiter": steps, "ftol": 1e-6},
-        )
-        d = found.x.reshape(-1, 3)
-        barrier = energy.eps <= 1e-9
-        least = energy.least_determinant(d)
+        flat = minimise(energy, flat, precondition, reach[energy.free], steps)
+        polished = energy.eps == BARRIER
+        least = energy.least_determinant(flat)
+        logger.debug("eps %.2g, least determinant %.3g", energy.eps, least)
         if least > 0:
-            if barrier:
+            if polished:
                 break
-            energy.eps = 1e-9
-    return d
+            energy.eps = BARRIER
+    return energy.displacements(flat)
+
+
+def elements_with(surface: PatchSurface, points: np.ndarray) -> np.ndarray:
+    """Elements on which any of the given control points acts."""
+    chosen = np.zeros(len(surface.control_points), dtype=bool)
+    chosen[points] = True
+    found = [g.element[chosen[g.index].any(axis=(1, 2))] for g in surface.groups]
+    return np.sort(np.concatenate(found))
+
+
+def points_of(surface: PatchSurface, elements: np.ndarray) -> np.ndarray:
+    """Control points that act on any of the given elements."""
+    found = [np.unique(g.index[np.isin(g.element, elements)]) for g in surface.groups]
+    return np.unique(np.concatenate(found))
