@@ -179,8 +179,7 @@ class _Writer:
             job.result_file.rename(stored)
             prepared = document.Prepared(
                 document.Completed(
-                    name=body.name,
-                    shape=body.shape,
+                    body=body,
                     solid=1,
                     volume=result,
                     result=stored,

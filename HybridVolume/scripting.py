@@ -153,14 +153,13 @@ def to_document(
     from HybridVolume.objects.volume import parameters_of, source_fingerprint
     from HybridVolume.report import volume_report
 
-    shape = sources.global_shape(body)
+    (read,) = sources.read_object(body)
     with tempfile.TemporaryDirectory(prefix="hybridvolume-") as folder:
         path = Path(folder) / "result.npz"
         volume.save(path)
         prepared = document.Prepared(
             document.Completed(
-                name=body.Label,
-                shape=shape,
+                body=read,
                 solid=1,
                 volume=volume,
                 result=path,

@@ -247,8 +247,7 @@ class TaskPanel:
         prepared = [
             document.Prepared(
                 document.Completed(
-                    name=body.name,
-                    shape=body.shape,
+                    body=body,
                     solid=number,
                     volume=job.result(),
                     result=job.result_file,

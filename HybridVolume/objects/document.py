@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import FreeCAD
 import numpy as np
+import Part
 
 from HybridVolume.errors import FaultError
-from HybridVolume.sources import global_shape
+from HybridVolume.sources import check_against_cad, global_shape
 
 from .fem_mesh import (
     AnalysisMesh,
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from HybridVolume.core.finite_elements import FiniteElementMesh
     from HybridVolume.core.hybrid import HybridVolume
     from HybridVolume.core.midstructure import Sheet
+    from HybridVolume.sources import Body
 
 
 @dataclass(frozen=True)
@@ -41,9 +43,7 @@ class Completed:
 
     Attributes
     ----------
-    name : str
-        Label of the hybrid volume.
-    shape : Part.Shape
+    body : Body
         The solid that was computed, in global coordinates.
     solid : int
         Which solid of the source it is, from 1.
@@ -59,8 +59,7 @@ class Completed:
         Of the source when it was read.
     """
 
-    name: str
-    shape: Any
+    body: Body
     solid: int
     volume: HybridVolume
     result: Path
@@ -80,7 +79,8 @@ class Prepared:
     ----------
     completed : Completed
     report : dict
-        The report with what FreeCAD adds: ``fem.faces_covered``, ``fem.face_tolerance``.
+        The report with what FreeCAD adds: ``input.max_deviation``, ``fem.faces_covered`` and
+        ``fem.face_tolerance``.
     analysis_body : Part.Shape or None
         A copy of the body whose faces have a wider tolerance, where FreeCAD would not find the
         mesh's nodes on the body itself.
@@ -88,18 +88,24 @@ class Prepared:
     Raises
     ------
     HybridVolumeError
-        The meshes are not what they were made from, or nodes lie beside the body's faces.
+        Patches or nodes lie beside the body's faces, or FreeCAD did not take the meshes.
     """
 
     def __init__(self, completed: Completed) -> None:
         arrays = arrays_of(completed.volume.fem)
         self.completed = completed
-        self.analysis_body, covered = cover(arrays, completed.shape)
+        self.analysis_body, covered = cover(arrays, completed.body.shape)
         self.report = dict(completed.report)
+        self.report["input"] = {
+            **self.report["input"],
+            "max_deviation": check_against_cad(completed.body, completed.volume.surface),
+        }
         self.report["fem"] = {
             **self.report["fem"],
             "faces_covered": covered,
-            "face_tolerance": (self.analysis_body or completed.shape).getTolerance(1),
+            "face_tolerance": (self.analysis_body or completed.body.shape).getTolerance(
+                1, Part.Face
+            ),
         }
         self.analysis = build(arrays)
         self.groups = [*arrays.volumes, *arrays.node_groups, *arrays.faces]
@@ -199,8 +205,8 @@ def save_new(prepared: Sequence[Prepared], path: str | os.PathLike) -> None:
     try:
         for one in prepared:
             source = doc.addObject("Part::Feature", "Body")
-            source.Label = one.completed.name
-            source.Shape = one.completed.shape
+            source.Label = one.completed.body.name
+            source.Shape = one.completed.body.shape
             # Shell and body have the same outside.
             source.Visibility = False
             insert(doc, source, [one])
@@ -213,7 +219,7 @@ def save_new(prepared: Sequence[Prepared], path: str | os.PathLike) -> None:
 
 def _make_objects(doc: Any, prepared: Prepared) -> Any:
     obj = make_volume(doc)
-    obj.Label = f"{prepared.completed.name} hybrid volume"
+    obj.Label = f"{prepared.completed.body.name} hybrid volume"
     obj.Midstructure = make_midstructure(doc)
     for part in ("Shell", "Core"):
         setattr(obj, part, make_mesh_object(doc, part, PartMesh))
@@ -261,7 +267,7 @@ def _analysis_body(obj: Any, prepared: Prepared) -> Any:
         return obj.Source
     if obj.AnalysisBody is None:
         obj.AnalysisBody = doc.addObject("Part::Feature", "AnalysisBody")
-        obj.AnalysisBody.Label = f"{prepared.completed.name} for analysis"
+        obj.AnalysisBody.Label = f"{prepared.completed.body.name} for analysis"
         obj.AnalysisBody.Visibility = False
     obj.AnalysisBody.Shape = prepared.analysis_body
     return obj.AnalysisBody

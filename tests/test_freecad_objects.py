@@ -1,0 +1,322 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""Document objects in FreeCAD without a window, on a mesh made by hand."""
+
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from box_mesh import box_mesh
+
+from HybridVolume.errors import FaultError, SetupError
+
+try:
+    from HybridVolume.freecad_python import import_freecad
+
+    FreeCAD = import_freecad()
+except SetupError as missing:
+    pytest.skip(missing.message, allow_module_level=True)
+
+import Fem
+import Part
+
+import HybridVolume
+from HybridVolume import sources
+from HybridVolume.core.assembly import build_surface
+from HybridVolume.core.midstructure import Midstructure, Sheet
+from HybridVolume.objects import document, fem_mesh
+from HybridVolume.objects.fingerprint import fingerprint
+from HybridVolume.objects.volume import CHILDREN, source_fingerprint
+
+SIZE = (3.0, 2.0, 1.0)
+PARAMETERS = {
+    "W0": 0.4,
+    "Layers": 1,
+    "Degree": 1,
+    "Tolerance": 1e-7,
+    "Midstructure.Method": "auto",
+    "FemMesh.Order": "Second",
+    "FemMesh.Density": "knots",
+}
+REPORT = {
+    "input": {"file": "box.step"},
+    "shell": {"w0": 0.4, "elements": 6, "min_scaled_jacobian": 0.5},
+    "fem": {"nodes": 69},
+}
+
+
+@pytest.fixture
+def doc():
+    doc = FreeCAD.newDocument("test", hidden=True, temp=True)
+    doc.UndoMode = 1
+    name = doc.Name
+    yield doc
+    if name in FreeCAD.listDocuments():
+        FreeCAD.closeDocument(name)
+
+
+@pytest.fixture
+def box(doc):
+    box = doc.addObject("Part::Box", "Box")
+    box.Length, box.Width, box.Height = SIZE
+    doc.recompute()
+    doc.clearUndos()
+    return box
+
+
+def face_names(shape):
+    """Names of the faces at x = 0, x = a, y = 0, ..."""
+    names = []
+    for axis in range(3):
+        for end in (0.0, SIZE[axis]):
+            names += [
+                f"Face{i + 1}"
+                for i, face in enumerate(shape.Faces)
+                if all(abs(v.Point[axis] - end) < 1e-9 for v in face.Vertexes)
+            ]
+    return names
+
+
+def completed(box, tmp_path, fem=None):
+    (body,) = sources.read_object(box)
+    sheet = Sheet(("Face5", "Face6"), 2.0, (0.5, 0.5), (180.0, 180.0), True, "", (1.5, 1.0, 0.5))
+    midstructure = Midstructure(
+        vertices=np.array([[1.0, 1.0, 0.5], [2.0, 1.0, 0.5], [2.0, 1.5, 0.5]]),
+        facets=np.array([[0, 1, 2]]),
+        sheet=np.array([0]),
+        kept=np.array([True]),
+        radius=np.full(3, 0.5),
+        sheets=(sheet,),
+    )
+    result = tmp_path / "result.npz"
+    np.savez(result, stored=np.arange(5.0))
+    return document.Completed(
+        body=body,
+        solid=1,
+        volume=SimpleNamespace(
+            fem=fem or box_mesh(SIZE, face_names(box.Shape)),
+            midstructure=midstructure,
+            surface=build_surface(list(body.faces)),
+        ),
+        result=result,
+        report=REPORT,
+        parameters=PARAMETERS,
+        fingerprint=source_fingerprint(box),
+    )
+
+
+@pytest.fixture
+def volume(doc, box, tmp_path):
+    (volume,) = document.insert(doc, box, [document.Prepared(completed(box, tmp_path))])
+    return volume
+
+
+def groups(mesh):
+    return {mesh.getGroupName(g): len(mesh.getGroupElements(g)) for g in mesh.Groups}
+
+
+EXPECTED_GROUPS = {"Shell": 12, "Core": 12, "Interface": 26} | {f"Face{i}": 2 for i in range(1, 7)}
+
+
+def test_one_step_of_undo(doc, box, volume):
+    names = {obj.Name for obj in doc.Objects}
+    assert names == {"Box", "HybridVolume", *CHILDREN}
+    assert volume.Status == "Up to date" and volume.FemMesh.Status == "Up to date"
+    assert doc.UndoCount == 1
+    doc.undo()
+    assert [obj.Name for obj in doc.Objects] == ["Box"]
+    doc.redo()
+    assert {obj.Name for obj in doc.Objects} == names
+    assert groups(doc.FemMesh.FemMesh) == EXPECTED_GROUPS
+    with np.load(doc.HybridVolume.Result) as stored:
+        assert np.array_equal(stored["stored"], np.arange(5.0))
+
+
+def test_a_fault_leaves_the_document_as_it_was(doc, box, tmp_path):
+    prepared = document.Prepared(completed(box, tmp_path))
+    prepared.report["shell"] = {}
+    with pytest.raises(KeyError):
+        document.insert(doc, box, [prepared])
+    assert [obj.Name for obj in doc.Objects] == ["Box"]
+    assert doc.UndoCount == 0
+
+
+def test_saved_and_reopened(doc, box, volume, tmp_path):
+    nodes = np.array([tuple(p) for p in volume.FemMesh.FemMesh.Nodes.values()])
+    path = tmp_path / "saved.FCStd"
+    doc.saveAs(str(path))
+    FreeCAD.closeDocument(doc.Name)
+    again = FreeCAD.openDocument(str(path), hidden=True)
+    try:
+        volume = again.getObject("HybridVolume")
+        assert volume.Proxy.Type == "HybridVolume::Volume"
+        assert volume.Source.Name == "Box" and volume.SchemaVersion == 1
+        again.recompute(None, True)
+        assert volume.Status == "Up to date"
+        assert groups(volume.FemMesh.FemMesh) == EXPECTED_GROUPS
+        stored = np.array([tuple(p) for p in volume.FemMesh.FemMesh.Nodes.values()])
+        assert np.array_equal(np.unique(stored, axis=0), np.unique(nodes, axis=0))
+        assert volume.Shell.FemMesh.VolumeCount == volume.Core.FemMesh.VolumeCount == 12
+        with np.load(volume.Midstructure.Facets) as facets:
+            assert facets["kept"].tolist() == [True]
+        assert volume.Midstructure.Decisions == ["kept Face5+Face6 @ 1.5 1 0.5"]
+        assert volume.Report["shell.elements"] == "6"
+    finally:
+        FreeCAD.closeDocument(again.Name)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda volume: setattr(volume, "W0", 0.3), "Out of date: W0 changed"),
+        (lambda volume: setattr(volume.Source, "Height", 1.1), "Out of date: the body changed"),
+        (
+            lambda volume: setattr(
+                volume.Source, "Placement", FreeCAD.Placement(FreeCAD.Vector(1, 0, 0), _STRAIGHT)
+            ),
+            "Out of date: the body changed",
+        ),
+        (
+            lambda volume: setattr(volume.FemMesh, "Order", "First"),
+            "Out of date: FemMesh.Order changed",
+        ),
+        (
+            lambda volume: setattr(volume.Midstructure, "Method", "distance"),
+            "Out of date: Midstructure.Method changed",
+        ),
+    ],
+)
+def test_a_recompute_only_marks(doc, volume, change, told):
+    result = volume.Result
+    change(volume)
+    doc.recompute()
+    assert volume.Status == told and volume.Shell.Status == told
+    assert volume.Result == result and volume.FemMesh.FemMesh.VolumeCount == 24
+
+
+_STRAIGHT = FreeCAD.Rotation()
+
+
+def test_a_fingerprint_survives_a_file_and_sees_a_moved_pole(doc, tmp_path):
+    surface = Part.Face(Part.makePlane(2, 1).toNurbs().Faces[0].Surface).Surface
+    surface.increaseDegree(3, 3)
+    body = doc.addObject("Part::Feature", "Face")
+    body.Shape = surface.toShape()
+    before = fingerprint(body.Shape)
+    body.Shape.tessellate(0.01)
+    assert fingerprint(body.Shape) == before
+    doc.saveAs(str(tmp_path / "face.FCStd"))
+    again = FreeCAD.openDocument(str(tmp_path / "face.FCStd"), hidden=True)
+    assert fingerprint(again.getObject("Face").Shape) == before
+    surface.setPole(2, 2, surface.getPole(2, 2) + FreeCAD.Vector(0, 0, 1e-6))
+    assert fingerprint(surface.toShape()) != before
+
+
+def test_volume_by_freecad(volume):
+    # FreeCAD's own integral, which is meaningful for ten-node tets only
+    assert volume.Core.FemMesh.Volume.getValueAs("mm^3").Value == pytest.approx(6 * 0.6**3)
+
+
+def test_nodes_beside_a_face_are_noticed(box):
+    names = face_names(box.Shape)
+    arrays = fem_mesh.arrays_of(box_mesh(SIZE, names))
+    assert fem_mesh.cover(arrays, box.Shape) == (None, 6)
+    assert fem_mesh.uncovered_faces(arrays, box.Shape, budget=None) == {}
+    moved = arrays.nodes.copy()
+    on_top = np.unique(arrays.faces[names[5]][1])
+    moved[on_top, 2] += 2e-6
+    arrays = fem_mesh.MeshArrays(moved, arrays.volumes, arrays.faces)
+    assert set(fem_mesh.uncovered_faces(arrays, box.Shape)) == set(names) - {names[4]}
+    copy, faces = fem_mesh.cover(arrays, box.Shape)
+    assert faces == 6 and 4e-6 <= copy.getTolerance(1, Part.Face) < 5e-6
+    assert box.Shape.getTolerance(1, Part.Face) == pytest.approx(1e-7)
+    moved[on_top, 2] += 1e-3
+    with pytest.raises(FaultError, match="beside the CAD faces"):
+        fem_mesh.cover(arrays, box.Shape)
+
+
+def test_a_lost_element_is_noticed(box, monkeypatch):
+    arrays = fem_mesh.arrays_of(box_mesh(SIZE, face_names(box.Shape)))
+
+    class Forgetful:
+        def __init__(self, make=Fem.FemMesh):
+            self.mesh = make()
+
+        def addVolume(self, row, number):
+            if number % 7:
+                self.mesh.addVolume(row, number)
+
+        def __getattr__(self, name):
+            return getattr(self.mesh, name)
+
+    monkeypatch.setattr(fem_mesh.Fem, "FemMesh", Forgetful)
+    with pytest.raises(FaultError, match="VolumeCount"):
+        fem_mesh.build(arrays)
+
+
+def test_to_fem_puts_a_mesh_into_a_document(doc, box):
+    volume = SimpleNamespace(fem=box_mesh(SIZE, face_names(box.Shape), order=1))
+    mesh = HybridVolume.to_fem(volume, doc, order=1, body=box)
+    assert mesh.Shape is box and mesh.Order == "First"
+    assert groups(mesh.FemMesh) == EXPECTED_GROUPS | {"Interface": 8}
+
+
+def test_calculix_pulls_the_box(doc, box, volume, tmp_path):
+    """A bar under tension between two opposite faces: stress and elongation are known."""
+    import ObjectsFem
+    from femtools import ccxtools
+
+    analysis = ObjectsFem.makeAnalysis(doc)
+    make = getattr(ObjectsFem, "makeSolverCalculixCcxTools", None)
+    solver = (make or ObjectsFem.makeSolverCalculiXCcxTools)(doc)
+    solver.GeometricalNonlinearity = "linear"
+    material = ObjectsFem.makeMaterialSolid(doc)
+    material.Material = {
+        "Name": "m",
+        "YoungsModulus": "1000 MPa",
+        "PoissonRatio": "0",
+        "Density": "1 kg/m^3",
+    }
+    names = face_names(box.Shape)
+    fixed = ObjectsFem.makeConstraintFixed(doc)
+    fixed.References = [(box, names[0])]
+    force = ObjectsFem.makeConstraintForce(doc)
+    force.References = [(box, names[1])]
+    force.Force = 10.0 if FreeCAD.Version()[0] == "0" else "10 N"
+    force.Direction = (box, ["Edge1"])
+    force.DirectionVector = FreeCAD.Vector(1, 0, 0)
+    analysis.addObjects([solver, material, fixed, force, volume.FemMesh])
+    doc.recompute()
+    run = ccxtools.FemToolsCcx(analysis, solver, test_mode=False)
+    run.update_objects()
+    run.setup_working_dir(str(tmp_path))
+    run.setup_ccx()
+    assert run.check_prerequisites() == ""
+    run.purge_results()
+    run.write_inp_file()
+    run.ccx_run()
+    assert run.results_present is False
+    run.load_results()
+    (result,) = [obj for obj in analysis.Group if obj.isDerivedFrom("Fem::FemResultObject")]
+    ends = [
+        abs(d.x)
+        for node, d in zip(result.NodeNumbers, result.DisplacementVectors, strict=True)
+        if abs(result.Mesh.FemMesh.Nodes[node].x - SIZE[0]) < 1e-9
+    ]
+    # F L / (E A), with Poisson's ratio 0 exactly the same at every node
+    assert np.mean(ends) == pytest.approx(10.0 * 3.0 / (1000.0 * 2.0), rel=0.01)
+
+
+def test_importing_the_package_loads_nothing():
+    code = (
+        "import sys, HybridVolume; print(*(m for m in sys.modules if 'numpy' in m or 'Free' in m))"
+    )
+    answer = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert answer.stdout.strip() == ""
+    assert set(HybridVolume.__all__) <= set(dir(HybridVolume))
+    with pytest.raises(AttributeError):
+        HybridVolume.no_such_function  # noqa: B018
