@@ -8,8 +8,6 @@ patches; then their control points agree and become one. What cannot match is re
 
 from __future__ import annotations
 
-import logging
-
 import numpy as np
 from scipy import sparse
 from scipy.spatial import cKDTree
@@ -18,8 +16,6 @@ from .. import errors
 from . import bspline
 from .pairing import Net, check_sides, make_net, natural_order, pair_sides
 from .surface import SIDE_DIRECTION, Patch, PatchSurface, SplineFace, side_of
-
-logger = logging.getLogger(__name__)
 
 _COUNTER_CLOCKWISE = np.array([-1, 1, 1, -1])
 """Whether each side runs with (+1) or against (-1) the patch's boundary seen from outside."""
