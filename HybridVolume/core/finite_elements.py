@@ -26,6 +26,8 @@ from .shell import Shell
 logger = logging.getLogger(__name__)
 
 _ROUNDS = 6
+_KEPT_QUALITY = 0.25
+"""Share of its straight scaled Jacobian that a curved tet should have."""
 
 
 @dataclass(frozen=True)
@@ -336,6 +338,8 @@ class _Builder:
     def prove(self) -> tuple[int, np.ndarray, np.ndarray]:
         """Prove all elements; where that fails, straighten inner edges step by step.
 
+        Tets that curving made much worse are straightened as well, unless wedges do not bear it.
+
         Returns
         -------
         repairs : int
@@ -344,34 +348,23 @@ class _Builder:
         kinds = ("penta15", "tet10") if self.order == 2 else ("penta6", "tet4")
         elements = (self.wedges, self.tets)
         proofs = [prove_positive(k, self.nodes[c]) for k, c in zip(kinds, elements, strict=True)]
-        proved = [p.proved.copy() for p in proofs]
-        bounds = [p.lower_bound.copy() for p in proofs]
+        proved = [p.proved for p in proofs]
+        bounds = [p.lower_bound for p in proofs]
         share = np.ones(len(self.nodes))
-        if self.order == 2 and not all(p.all() for p in proved):
+        if self.order == 2:
+            curved = self.nodes
             movable, ends = self._movable()
-            curved = self.nodes.copy()
             straight = curved.copy()
             straight[movable] = curved[ends].mean(axis=1)
-            may_move = np.zeros(len(self.nodes), dtype=bool)
-            may_move[movable] = True
-            for round_ in range(_ROUNDS):
-                bad = np.unique(
-                    np.concatenate([c[~p].ravel() for c, p in zip(elements, proved, strict=True)])
+            wanted = _KEPT_QUALITY * scaled_jacobian("tet10", straight[self.tets])
+            for least in (wanted, np.full(len(self.tets), -np.inf)):
+                self.nodes = curved.copy()
+                share, found, bound = self._straighten(
+                    curved, straight, movable, [p.copy() for p in proved], bounds, least
                 )
-                bad = bad[may_move[bad] & (share[bad] > 0.0)]
-                if not len(bad):
+                if all(p.all() for p in found):
                     break
-                share[bad] = 0.0 if round_ == _ROUNDS - 1 else 0.5 * share[bad]
-                moved = np.zeros(len(self.nodes), dtype=bool)
-                moved[bad] = True
-                mix = share[bad, None]
-                self.nodes[bad] = mix * curved[bad] + (1.0 - mix) * straight[bad]
-                for i, (kind, c) in enumerate(zip(kinds, elements, strict=True)):
-                    again = np.flatnonzero(moved[c].any(axis=1))
-                    proof = prove_positive(kind, self.nodes[c[again]])
-                    proved[i][again], bounds[i][again] = proof.proved, proof.lower_bound
-                if all(p.all() for p in proved):
-                    break
+            proved, bounds = found, bound
         if not all(p.all() for p in proved):
             self._refuse(proved)
         wedge_bound, tet_bound = (
@@ -379,6 +372,56 @@ class _Builder:
             for k, c, b in zip(kinds, elements, bounds, strict=True)
         )
         return int(np.count_nonzero(share < 1.0)), wedge_bound, tet_bound
+
+    def _straighten(
+        self,
+        curved: np.ndarray,
+        straight: np.ndarray,
+        movable: np.ndarray,
+        proved: list[np.ndarray],
+        bounds: list[np.ndarray],
+        least: np.ndarray,
+    ) -> tuple[np.ndarray, list[np.ndarray], list[np.ndarray]]:
+        """Move mid nodes of bad elements half-way to straight, again and again.
+
+        Parameters
+        ----------
+        least : (k,) array
+            Scaled Jacobian that each tet should keep.
+
+        Returns
+        -------
+        share : (n,) array
+            How much of its curved place each node kept.
+        proved, bounds : lists of two arrays
+        """
+        kinds, elements = ("penta15", "tet10"), (self.wedges, self.tets)
+        bounds = [b.copy() for b in bounds]
+        good = [proved[0].copy(), scaled_jacobian("tet10", self.nodes[self.tets]) >= least]
+        good[1] &= proved[1]
+        share = np.ones(len(self.nodes))
+        may_move = np.zeros(len(self.nodes), dtype=bool)
+        may_move[movable] = True
+        for round_ in range(_ROUNDS):
+            bad = np.concatenate([c[~g].ravel() for c, g in zip(elements, good, strict=True)])
+            bad = np.unique(bad)
+            bad = bad[may_move[bad] & (share[bad] > 0.0)]
+            if not len(bad):
+                break
+            share[bad] = 0.0 if round_ == _ROUNDS - 1 else 0.5 * share[bad]
+            moved = np.zeros(len(self.nodes), dtype=bool)
+            moved[bad] = True
+            mix = share[bad, None]
+            self.nodes[bad] = mix * curved[bad] + (1.0 - mix) * straight[bad]
+            for i, (kind, c) in enumerate(zip(kinds, elements, strict=True)):
+                again = np.flatnonzero(moved[c].any(axis=1))
+                proof = prove_positive(kind, self.nodes[c[again]])
+                proved[i][again] = good[i][again] = proof.proved
+                bounds[i][again] = proof.lower_bound
+                if kind == "tet10":
+                    quality = scaled_jacobian(kind, self.nodes[c[again]])
+                    good[i][again] &= quality >= least[again]
+        return share, proved, bounds
 
     def _refuse(self, proved: list[np.ndarray]) -> None:
         bad_wedges, bad_tets = (np.flatnonzero(~p) for p in proved)

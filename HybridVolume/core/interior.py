@@ -20,6 +20,7 @@ from .columns import doubled_grid, evaluate_columns, interface_lines
 from .element_jacobians import scaled_jacobian
 from .elements import reference
 from .gap import gap_volume, triangle_gaps
+from .intersection import self_intersections
 from .shell import Shell
 from .surface import PatchSurface
 from .tetmesh import TetMesh, available_engines, enclosed_volume, fill
@@ -337,8 +338,6 @@ def fill_interior(
 
 
 def _check_embedded(interface: Interface, surface: PatchSurface | None) -> None:
-    from .intersection import self_intersections
-
     pairs = self_intersections(interface.vertices, interface.triangles)
     if len(pairs):
         patches = np.unique(interface.triangle_patch[np.asarray(pairs).ravel()])
