@@ -230,7 +230,7 @@ def _lonely_ridges(facets: _Facets, candidate: np.ndarray, kept: np.ndarray) -> 
     ridge = RIDGE * radius > summit[label]
     if kept.any():
         distance, _ = cKDTree(facets.centre[kept]).query(centre)
-        ridge &= distance > radius
+        ridge &= distance > 0.3 * radius
     result = np.zeros(len(candidate), dtype=bool)
     result[some[ridge]] = True
     return result & ~kept
@@ -274,9 +274,7 @@ def _build(
     )
 
 
-def _fans(
-    raw: VoronoiFacets, owner: np.ndarray, use: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _fans(raw: VoronoiFacets, owner: np.ndarray, use: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Triangles from the first corner of every polygon, and the polygon of each."""
     place = np.arange(len(owner)) - raw.start[owner]
     size = np.diff(raw.start)[owner]

@@ -302,9 +302,7 @@ def _given_first(
     return np.vstack([vertices, points[rest]]), number[tets]
 
 
-def _compact(
-    points: np.ndarray, tets: np.ndarray, keep: int
-) -> tuple[np.ndarray, np.ndarray]:
+def _compact(points: np.ndarray, tets: np.ndarray, keep: int) -> tuple[np.ndarray, np.ndarray]:
     """Drop points that no tetrahedron uses, except the first ``keep``."""
     used = np.zeros(len(points), dtype=bool)
     used[:keep] = True

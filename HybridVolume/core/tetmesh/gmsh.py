@@ -24,7 +24,10 @@ def fill(
     grading: float | None = None,
     optimise: bool = True,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Fill a closed surface; ``facets`` become faces inside. ``grading`` has no meaning here.
+    """Fill a closed surface; ``facets`` become faces inside.
+
+    ``grading`` has no meaning here. gmsh always optimises, otherwise it leaves tetrahedra without
+    volume; with ``optimise=False`` only the very flat ones.
 
     Returns
     -------
@@ -32,14 +35,15 @@ def fill(
     tets : (m, 4) int array
     """
     solids, size = _solids(vertices, triangles)
+    threshold = 0.3 if optimise else 0.03
     try:
-        points, tets = _fill(vertices, solids, facets, max_size, optimise, HXT)
+        points, tets = _fill(vertices, solids, facets, max_size, threshold, HXT)
         # HXT leaves out what lies inside closed inner facets
         if abs(np.abs(tet_volumes(points, tets)).sum() - size) <= 1e-9 * size:
             return points, tets
     except Exception as error:  # gmsh raises plain Exception; its other algorithm is worth a try
         log.debug("HXT: %s", error)
-    return _fill(vertices, solids, facets, max_size, optimise, DELAUNAY)
+    return _fill(vertices, solids, facets, max_size, threshold, DELAUNAY)
 
 
 def _solids(vertices: np.ndarray, triangles: np.ndarray) -> tuple[list[list[np.ndarray]], float]:
@@ -78,7 +82,7 @@ def _fill(
     solids: list[list[np.ndarray]],
     facets: np.ndarray,
     max_size: float | None,
-    optimise: bool,
+    threshold: float,
     algorithm: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     import gmsh
@@ -88,7 +92,7 @@ def _fill(
         for name, value in {
             "General.NumThreads": 1,
             "Mesh.Algorithm3D": algorithm,
-            "Mesh.Optimize": int(optimise),
+            "Mesh.OptimizeThreshold": threshold,
             "Mesh.MeshSizeExtendFromBoundary": 1,
             "Mesh.MeshSizeFromPoints": 0,
             "Mesh.MeshSizeMax": 1e22 if max_size is None else max_size,

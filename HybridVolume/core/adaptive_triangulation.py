@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""Watertight triangles on the surface that are small where a size function asks for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .surface import PatchSurface, SurfaceMesh
+from .tetmesh.mesh import row_keys
+
+SIDES = np.array([[0, 1], [1, 2], [2, 0]])
+
+
+@dataclass(frozen=True)
+class AdaptiveTriangles:
+    """Closed triangles, oriented outward, every vertex on the surface.
+
+    Attributes
+    ----------
+    vertices : (n, 3) array
+        mm.
+    triangles : (t, 3) int array
+    patch : (t,) int array
+    uv : (t, 3, 2) array
+        Parameters of every corner on its triangle's patch.
+    """
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    patch: np.ndarray
+    uv: np.ndarray
+
+
+def adaptive_triangulation(
+    surface: PatchSurface,
+    size: Callable[[np.ndarray], np.ndarray],
+    *,
+    deflection: float = 0.15,
+    max_triangles: int = 40_000,
+    rounds: int = 14,
+) -> AdaptiveTriangles:
+    """Split the triangles over the knot spans along their longest edges.
+
+    Parameters
+    ----------
+    surface : PatchSurface
+    size : callable
+        Wanted edge length, mm, at (k, 3) points.
+    deflection : float
+        Largest distance of the surface from the middle of an edge, in units of the wanted size.
+    max_triangles : int
+        Stop there.
+    rounds : int
+    """
+    mesh = surface.triangulation("knots")
+    current = AdaptiveTriangles(
+        mesh.vertices, mesh.triangles, mesh.triangle_patch, _corner_parameters(mesh)
+    )
+    for _ in range(rounds):
+        if len(current.triangles) >= max_triangles:
+            break
+        edges = _Edges(surface, current)
+        wanted = size(0.5 * (edges.ends[0] + edges.ends[1]))
+        sag = np.linalg.norm(edges.middle - 0.5 * (edges.ends[0] + edges.ends[1]), axis=1)
+        bad = (edges.length > 1.4 * wanted) | (sag > deflection * wanted)
+        # shapes stay bounded when only edges among the longest of a triangle are split
+        lengths = edges.length[edges.of_triangle]
+        long = lengths >= 0.9 * lengths.max(axis=1, keepdims=True)
+        chosen = np.unique(edges.of_triangle[bad[edges.of_triangle] & long])
+        sagging = bad[edges.of_triangle].any(axis=1) & ~(bad[edges.of_triangle] & long).any(axis=1)
+        longest = edges.of_triangle[np.flatnonzero(sagging), lengths[sagging].argmax(axis=1)]
+        chosen = np.union1d(chosen, longest)
+        if not len(chosen):
+            break
+        current = _split(current, edges, chosen)
+    return current
+
+
+def _corner_parameters(mesh: SurfaceMesh) -> np.ndarray:
+    uv = np.empty((len(mesh.triangles), 3, 2))
+    bounds = np.searchsorted(mesh.triangle_patch, np.arange(len(mesh.grids) + 1))
+    place = np.zeros(len(mesh.vertices), dtype=np.int64)
+    for k, grid in enumerate(mesh.grids):
+        part = slice(bounds[k], bounds[k + 1])
+        place[grid.ravel()] = np.arange(grid.size)
+        i, j = np.divmod(place[mesh.triangles[part]], grid.shape[1])
+        uv[part] = np.stack([mesh.grid_u[k][i], mesh.grid_v[k][j]], axis=-1)
+    return uv
+
+
+class _Edges:
+    """Edges of the triangles, with the surface point at the middle of each."""
+
+    def __init__(self, surface: PatchSurface, mesh: AdaptiveTriangles) -> None:
+        n = len(mesh.vertices)
+        keys = row_keys(mesh.triangles[:, SIDES].reshape(-1, 2), n)
+        self.keys, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+        self.of_triangle = inverse.reshape(-1, 3)
+        pair = np.column_stack([self.keys // n, self.keys % n])
+        self.ends = mesh.vertices[pair[:, 0]], mesh.vertices[pair[:, 1]]
+        self.length = np.linalg.norm(self.ends[1] - self.ends[0], axis=1)
+        triangle, side = np.divmod(first, 3)
+        uv = mesh.uv[triangle[:, None], SIDES[side]].mean(axis=1)
+        patch = mesh.patch[triangle]
+        order = np.argsort(patch, kind="stable")
+        bounds = np.searchsorted(patch[order], np.arange(len(surface.patches) + 1))
+        self.middle = np.empty((len(first), 3))
+        for k in range(len(surface.patches)):
+            part = order[bounds[k] : bounds[k + 1]]
+            if len(part):
+                self.middle[part] = surface.evaluate(k, *uv[part].T)
+
+
+def _split(mesh: AdaptiveTriangles, edges: _Edges, chosen: np.ndarray) -> AdaptiveTriangles:
+    """Split the chosen edges; of several in one triangle the longest first."""
+    n = len(mesh.vertices)
+    rank = np.full(len(edges.keys), -1)
+    rank[chosen[np.argsort(edges.length[chosen], kind="stable")]] = np.arange(len(chosen))
+    new = np.full(len(edges.keys), -1)
+    new[chosen] = n + np.arange(len(chosen))
+    vertices = np.vstack([mesh.vertices, edges.middle[chosen]])
+    triangles, patch, uv, side_of = mesh.triangles, mesh.patch, mesh.uv, edges.of_triangle
+    for _ in range(3):
+        marks = np.where(side_of >= 0, rank[np.maximum(side_of, 0)], -1)
+        cut = np.flatnonzero(marks.max(axis=1) >= 0)
+        if not len(cut):
+            break
+        # turn each triangle so that the edge to split is its first
+        turn = (marks[cut].argmax(axis=1)[:, None] + np.arange(3)) % 3
+        rows = np.arange(len(cut))[:, None]
+        t, p, s = triangles[cut][rows, turn], uv[cut][rows, turn], side_of[cut][rows, turn]
+        middle, half = new[s[:, 0]], p[:, :2].mean(axis=1)
+        none = np.full(len(cut), -1)
+        one = np.column_stack([t[:, 0], middle, t[:, 2]])
+        two = np.column_stack([middle, t[:, 1], t[:, 2]])
+        keep = np.ones(len(triangles), dtype=bool)
+        keep[cut] = False
+        triangles = np.vstack([triangles[keep], one, two])
+        patch = np.concatenate([patch[keep], patch[cut], patch[cut]])
+        uv = np.concatenate(
+            [
+                uv[keep],
+                np.stack([p[:, 0], half, p[:, 2]], axis=1),
+                np.stack([half, p[:, 1], p[:, 2]], axis=1),
+            ]
+        )
+        side_of = np.vstack(
+            [
+                side_of[keep],
+                np.column_stack([none, none, s[:, 2]]),
+                np.column_stack([none, s[:, 1], none]),
+            ]
+        )
+    return AdaptiveTriangles(vertices, triangles, patch, uv)

@@ -1,0 +1,193 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""The tetrahedra on which the harmonic function lives: surface outside, midstructure inside."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..errors import FaultError, MesherError
+from .adaptive_triangulation import AdaptiveTriangles, adaptive_triangulation
+from .intersection import self_intersections
+from .midstructure import Midstructure
+from .midstructure.simplify import Complex, simplify
+from .surface import PatchSurface
+from .tetmesh import TetMesh, fill
+from .tetmesh.split import refine, separate_boundary
+
+log = logging.getLogger(__name__)
+
+Size = Callable[[np.ndarray], np.ndarray]
+# Radius of the balls where w = 1 around lines and points of the midstructure, in local radii.
+BALL = 0.25
+
+
+@dataclass(frozen=True)
+class Domain:
+    """Tetrahedra and the vertices of the midstructure.
+
+    Attributes
+    ----------
+    mesh : TetMesh
+        No tetrahedron has all four vertices on the boundary.
+    inner : (n,) bool array
+        Vertices where w = 1.
+    embedded : bool
+        Whether the midstructure's facets are faces of the tetrahedra.
+    """
+
+    mesh: TetMesh
+    inner: np.ndarray
+    embedded: bool
+
+
+def build_domain(
+    surface: PatchSurface,
+    midstructure: Midstructure,
+    *,
+    tets: int = 40_000,
+    engine: str = "auto",
+    free: bool | None = None,
+    time_limit: float = 30.0,
+) -> Domain:
+    """Tetrahedra of the triangulated surface with the kept facets inside (section 3.1).
+
+    Parameters
+    ----------
+    surface : PatchSurface
+    midstructure : Midstructure
+    tets : int
+        Aimed at.
+    engine, free, time_limit
+        As for :func:`HybridVolume.core.tetmesh.fill`.
+    """
+    kept = midstructure.facets[midstructure.kept]
+    if not len(kept):
+        raise FaultError("no facet of the midstructure is kept", remedy="keep at least one sheet")
+    to_middle = cKDTree(midstructure.vertices[np.unique(kept)])
+    size = _surface_size(surface, to_middle, tets)
+    options = {"free": free, "time_limit": time_limit}
+    boundary = _clean_boundary(surface, size, tets // 4)
+    if boundary is None or engine == "pytetwild":
+        log.info("the triangulated surface cuts itself: pytetwild, midstructure by distance")
+        boundary = boundary or adaptive_triangulation(surface, size, max_triangles=tets // 2)
+        return _by_distance(boundary, midstructure, size, tets, "pytetwild", options)
+    outer = (boundary.vertices, boundary.triangles)
+    complex_ = simplify(midstructure, size, outer)
+    count = len(boundary.vertices)
+    try:
+        mesh = fill(
+            np.vstack([boundary.vertices, complex_.vertices]),
+            boundary.triangles,
+            facets=complex_.triangles + count,
+            engine=engine,
+            optimise=False,
+            **options,
+        )
+    except MesherError as error:
+        log.info("the midstructure is found by distance, its facets were refused: %s", error)
+        return _by_distance(boundary, midstructure, size, tets, engine, options)
+    return _finish(mesh, complex_.triangles + count, complex_, tets, True)
+
+
+def _surface_size(surface: PatchSurface, to_middle: cKDTree, tets: int) -> Size:
+    """Edge lengths in proportion to the distance to the midstructure, for so many tetrahedra."""
+    coarse = surface.triangulation(2)
+    x = coarse.vertices[coarse.triangles]
+    area = 0.5 * np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
+    distance, _ = to_middle.query(x.mean(axis=1))
+    # a regular tetrahedron of edge h has the volume h³ / 8.5
+    largest = 1.3 * (8.5 * surface.volume() / tets) ** (1.0 / 3.0)
+    share = 0.4
+    for _ in range(40):
+        if (area / np.minimum(share * distance, largest) ** 2).sum() < 0.1 * tets:
+            break
+        share *= 1.1
+    smallest = 0.5 * share * float(distance.min())
+
+    def size(points: np.ndarray) -> np.ndarray:
+        return np.clip(share * to_middle.query(points)[0], smallest, largest)
+
+    return size
+
+
+def _clean_boundary(surface: PatchSurface, size: Size, budget: int) -> AdaptiveTriangles | None:
+    """Triangles of the surface that do not cut themselves, or None."""
+    for finer in (1.0, 0.5, 0.25):
+        mesh = adaptive_triangulation(
+            surface,
+            lambda points, finer=finer: finer * size(points),
+            max_triangles=int(budget / finer**2),
+        )
+        pairs = self_intersections(mesh.vertices, mesh.triangles)
+        if not len(pairs):
+            return mesh
+        log.info("%d pairs of %d triangles cross", len(pairs), len(mesh.triangles))
+    return None
+
+
+def _by_distance(
+    boundary: AdaptiveTriangles,
+    midstructure: Midstructure,
+    size: Size,
+    tets: int,
+    engine: str,
+    options: dict,
+) -> Domain:
+    """The domain without facets: w = 1 within a share of the radius around the kept facets."""
+    from .midstructure.simplify import spread
+
+    used = np.unique(midstructure.facets[midstructure.kept])
+    points, radius = midstructure.vertices[used], midstructure.radius[used]
+    pick = spread(points, BALL * radius)
+    rest = Complex(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), points[pick], radius[pick])
+    try:
+        mesh = fill(boundary.vertices, boundary.triangles, engine=engine, optimise=False, **options)
+    except MesherError as error:
+        if engine == "pytetwild":
+            raise
+        log.info("pytetwild takes over: %s", error)
+        mesh = fill(
+            boundary.vertices, boundary.triangles, engine="pytetwild", optimise=False, **options
+        )
+    return _finish(mesh, rest.triangles, rest, tets, False)
+
+
+def _finish(
+    mesh: TetMesh, facets: np.ndarray, complex_: Complex, tets: int, embedded: bool
+) -> Domain:
+    """Refine where the midstructure is a line or a point, separate boundary and midstructure."""
+    rest, radius = complex_.rest, BALL * complex_.rest_radius
+    if len(rest):
+        tree = cKDTree(rest)
+
+        def size(points: np.ndarray) -> np.ndarray:
+            distance, nearest = tree.query(points)
+            return np.maximum(0.9 * radius[nearest], 0.6 * (distance - radius[nearest]))
+
+        mesh, facets = refine(mesh, size, facets, max_tets=3 * tets)
+    mesh, facets = separate_boundary(mesh, facets)
+    inner = _inner(mesh, facets, rest, radius)
+    if not inner.any():
+        raise FaultError("no vertex of the tetrahedra belongs to the midstructure")
+    return Domain(mesh, inner, embedded)
+
+
+def _inner(mesh: TetMesh, facets: np.ndarray, rest: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """Vertices of the facets, and those within the balls around the rest."""
+    inner = np.zeros(len(mesh.vertices), dtype=bool)
+    inner[facets] = True
+    if len(rest):
+        free = np.flatnonzero(~mesh.on_boundary)
+        distance, nearest = cKDTree(rest).query(mesh.vertices[free])
+        inner[free[distance <= radius[nearest]]] = True
+        # a ball between the vertices takes the nearest one
+        far, vertex = cKDTree(mesh.vertices[free]).query(rest)
+        empty = (far > radius) & (far < 2.0 * radius)
+        inner[free[vertex[empty]]] = True
+    return inner & ~mesh.on_boundary
