@@ -177,7 +177,7 @@ def _directions(n: int, normals: np.ndarray, owners: np.ndarray) -> np.ndarray:
     return direction
 
 
-def check_surface(surface: PatchSurface, frame: ColumnFrame) -> None:
+def check_surface(surface: PatchSurface) -> None:
     """Refuse patches that no shell can follow: folded, singular, or without an inward direction.
 
     A straight column has one direction at each place, so the inward normals of a knot span, and
@@ -204,6 +204,7 @@ def check_surface(surface: PatchSurface, frame: ColumnFrame) -> None:
     bad = singular | (margin <= MARGIN)
     if bad.any():
         raise _singular(surface, np.flatnonzero(bad), singular, size, x)
+    frame = column_frame(surface)
     stuck = np.flatnonzero(frame.margin <= MARGIN)
     if len(stuck):
         faces = [p.face for p in surface.patches if np.isin(p.index, stuck).any()]

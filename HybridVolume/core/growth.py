@@ -18,7 +18,7 @@ from scipy.sparse.linalg import splu
 
 from .. import errors
 from . import bspline
-from .front import ColumnFrame, check_surface, column_frame, solve_front
+from .front import ColumnFrame, column_frame, solve_front
 from .harmonic import HarmonicField
 from .intersection import self_intersections, surfaces_intersect
 from .levels import equal_volume_layers, uniform_layers
@@ -81,7 +81,6 @@ class _Grower:
         self.report = report
         self.knots_w = bspline.clamped_knots(degree_w, 1)
         self.frame: ColumnFrame = column_frame(surface)
-        check_surface(surface, self.frame)
         self.nodal = _nodal_matrix(surface)
         self.bulge = _polynomial_correction(surface, self.frame.nodes, self.nodal)
         self.reach = 0.3 * self.frame.spacing
@@ -337,6 +336,7 @@ def grow_shell(
     Parameters
     ----------
     surface : PatchSurface
+        One that :func:`HybridVolume.core.front.check_surface` lets pass.
     field : HarmonicField
     w0 : float
         Level of the inner boundary, in (0, 1).
@@ -353,8 +353,6 @@ def grow_shell(
 
     Raises
     ------
-    SingularSurfaceError
-        When a patch cannot carry any shell.
     ThicknessError
         When no shell at any thickness could be proved.
     """

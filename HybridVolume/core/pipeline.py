@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""The whole way from a closed surface to a hybrid volume, one stage after the other."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import FaultError, InputError, SelfIntersectionError
+from .finite_elements import build_finite_elements
+from .front import check_surface
+from .gap import gap_volume
+from .growth import grow_shell
+from .harmonic import solve_harmonic
+from .hybrid import HybridVolume
+from .interior import Interior
+from .intersection import self_intersections
+from .midstructure import medial_axis
+from .refinement import flatten_spans
+from .shell import Shell
+from .surface import PatchSurface
+
+logger = logging.getLogger(__name__)
+
+BALANCE = 1e-9
+"""Largest share of the volume by which shell, core and gap may miss the body."""
+
+Progress = Callable[[str, float, str], None]
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a user can choose.
+
+    Attributes
+    ----------
+    w0 : float
+        Harmonic level of the inner boundary: 0 is the surface, 1 the midstructure.
+    layers : int
+        Bézier layers of the shell.
+    degree : int
+        Degree across the shell.
+    tolerance : float
+        Largest gap between sides that meet, as a share of the diagonal.
+    midstructure : {"auto", "medial-axis"}
+    nodes : {"knots", "greville"}
+        Nodes of the interface.
+    order : {1, 2}
+        Order of the finite elements.
+
+    Raises
+    ------
+    InputError
+        A value is out of its range.
+    """
+
+    w0: float = 0.5
+    layers: int = 2
+    degree: int = 3
+    tolerance: float = 1e-7
+    midstructure: str = "auto"
+    nodes: str = "knots"
+    order: int = 2
+
+    def __post_init__(self) -> None:
+        choices = {
+            "midstructure": ("auto", "medial-axis"),
+            "nodes": ("knots", "greville"),
+            "order": (1, 2),
+        }
+        for name, allowed in choices.items():
+            if getattr(self, name) not in allowed:
+                words = ", ".join(str(a) for a in allowed)
+                raise InputError(
+                    f"{name} is {getattr(self, name)!r}", remedy=f"choose one of {words}"
+                )
+        ranges = {
+            "w0": (0.01, 0.99),
+            "layers": (1, 50),
+            "degree": (1, 6),
+            "tolerance": (1e-12, 1e-2),
+        }
+        for name, (low, high) in ranges.items():
+            if not low <= getattr(self, name) <= high:
+                raise InputError(
+                    f"{name} is {getattr(self, name)}",
+                    remedy=f"choose a value from {low} to {high}",
+                )
+
+
+def complete(
+    surface: PatchSurface, options: Options | None = None, progress: Progress | None = None
+) -> HybridVolume:
+    """Complete the volume of a closed surface.
+
+    Parameters
+    ----------
+    surface : PatchSurface
+        From :func:`HybridVolume.core.assembly.build_surface`.
+    options : Options, optional
+    progress : callable, optional
+        Called with the stage, the share of the whole work that is done, and a text.
+
+    Returns
+    -------
+    HybridVolume
+        Every Bézier element is proved valid, and the inner surface cuts neither itself nor the
+        outer one.
+
+    Raises
+    ------
+    HybridVolumeError
+        One of its kinds, naming faces, figures and a remedy.
+    """
+    options = options or Options()
+    report = progress or (lambda stage, share, text: None)
+    report("surface", 0.02, f"{len(surface.patches)} patches, genus {_words(surface.genus)}")
+    body = flatten_spans(surface)
+    deviation = _deviation(surface, body)
+    check_surface(body)
+    _check_uncut(body)
+    report("midstructure", 0.05, "medial axis")
+    midstructure = medial_axis(body)
+    report("field", 0.12, f"{midstructure.kept_sheets} sheets kept; harmonic field")
+    field = solve_harmonic(body, midstructure)
+    report("shell", 0.3, f"{len(field.mesh.tets)} tetrahedra in the field; front")
+    shell, certificate = grow_shell(
+        body,
+        field,
+        options.w0,
+        layers=options.layers,
+        degree_w=options.degree,
+        progress=lambda share, text: report("shell", 0.3 + 0.45 * share, text),
+    )
+    report("interior", 0.75, f"{certificate.valid} elements proved; interface, core, FEM mesh")
+    interface, interior, fem = build_finite_elements(
+        shell, nodes=options.nodes, order=options.order
+    )
+    report("interior", 0.9, f"{len(interior.mesh.tets)} tetrahedra in the core; balance")
+    gap = gap_volume(interface, shell)
+    _check_balance(body, shell, interior, gap)
+    return HybridVolume(
+        surface=body,
+        midstructure=midstructure,
+        field={
+            "tets": len(field.mesh.tets),
+            "vertices": len(field.mesh.vertices),
+            "mesher": field.mesh.engine,
+            "embedded": bool(field.embedded),
+        },
+        shell=shell,
+        certificate=certificate,
+        interior=interior,
+        interface=interface,
+        fem=fem,
+        gap_volume=gap,
+        report={"boundary_deviation": deviation},
+    )
+
+
+def _words(genus: tuple[int, ...]) -> str:
+    return ", ".join(str(g) for g in genus)
+
+
+def _deviation(surface: PatchSurface, body: PatchSurface) -> float:
+    """Largest distance of the refined surface from the one given, 25 places a patch, mm.
+
+    Raises
+    ------
+    FaultError
+        It is not zero within rounding.
+    """
+    line = np.linspace(0.0, 1.0, 5) * 0.98 + 0.007
+    worst = max(
+        float(
+            np.abs(surface.evaluate_grid(k, line, line) - body.evaluate_grid(k, line, line)).max()
+        )
+        for k in range(len(surface.patches))
+    )
+    if worst > 1e-12 * surface.diagonal:
+        raise FaultError(f"exact refinement moved the surface by {worst:.2g} mm")
+    return worst
+
+
+def _check_uncut(surface: PatchSurface) -> None:
+    """Refuse a body whose surface cuts itself.
+
+    Raises
+    ------
+    SelfIntersectionError
+    """
+    pairs = np.zeros((0, 2), dtype=int)
+    # coarse triangles of a thin or sharp part may cut each other although the surface does not
+    for cells in (2, 4, 8, 16):
+        mesh = surface.triangulation(cells)
+        pairs = self_intersections(mesh.vertices, mesh.triangles)
+        if not len(pairs):
+            return
+    names = {surface.patches[k].face for k in mesh.triangle_patch[pairs.ravel()]}
+    raise SelfIntersectionError(
+        f"the surface cuts itself in {len(pairs)} places",
+        faces=sorted(names, key=lambda name: (len(name), name)),
+        figure=float(len(pairs)),
+        remedy="repair the body",
+    )
+
+
+def _check_balance(body: PatchSurface, shell: Shell, interior: Interior, gap: float) -> None:
+    """Shell, core and gap, each integrated on its own, must add up to the body.
+
+    Raises
+    ------
+    FaultError
+    """
+    volume = body.volume()
+    off = shell.volume() + interior.volume + gap - volume
+    logger.info("shell + core + gap - body = %.3g of the volume", off / volume)
+    if abs(off) > BALANCE * volume:
+        raise FaultError(f"shell, core and gap miss the body's volume by {off / volume:.2g} of it")
