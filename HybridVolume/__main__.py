@@ -21,7 +21,7 @@ from HybridVolume.completion import Screen, complete_file
 from HybridVolume.errors import HybridVolumeError
 from HybridVolume.job import exit_code
 
-METHODS = ("auto", "medial-axis", "skeleton", "distance")
+METHODS = ("auto", "medial-axis")
 LATER = ("fit", "reproduce", "bench")
 """Words that a later version takes as commands."""
 
@@ -69,10 +69,18 @@ def parser() -> Parser:
         help="thickness of the shell: share of the way to the midstructure (default: 0.5)",
     )
     p.add_argument(
-        "--layers", type=_count, metavar="N", help="layers of elements in the shell (default: 1)"
+        "--layers",
+        type=_count,
+        default=2,
+        metavar="N",
+        help="layers of elements in the shell (default: 2)",
     )
     p.add_argument(
-        "--degree", type=_count, metavar="P", help="degree through the shell (default: 3)"
+        "--degree",
+        type=_count,
+        default=3,
+        metavar="P",
+        help="degree through the shell (default: 3)",
     )
     p.add_argument(
         "--midstructure",
@@ -116,7 +124,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return complete_file(options, screen)
     except HybridVolumeError as error:
         screen.clear()
-        print(f"error: {error.line}", file=sys.stderr)
+        print(
+            "\n".join([f"error: {error.line}", *getattr(error, "__notes__", ())]), file=sys.stderr
+        )
         return exit_code(error)
     except KeyboardInterrupt as stop:
         screen.clear()

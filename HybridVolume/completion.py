@@ -86,14 +86,18 @@ def complete_file(options: argparse.Namespace, screen: Screen) -> int:
     started = time.perf_counter()
     stem = Path(options.body).stem
     with OutputFolder(options.output or Path.cwd() / stem) as output:
-        python = worker_python()
         import_freecad()
+        python = worker_python()
         from HybridVolume import sources
+        from HybridVolume.core.pipeline import Options
+        from HybridVolume.objects.volume import options_of
 
+        parameters = parameters_of(options)
+        Options(**options_of(parameters))  # refuses what is out of range before the long work
         bodies = sources.read_file(options.body)
         reading = time.perf_counter() - started
-        writer = _Writer(options, output, screen, python, len(bodies))
-        outcomes = [writer.complete(number, body) for number, body in enumerate(bodies, start=1)]
+        writer = _Writer(options, parameters, output, screen, python, len(bodies))
+        outcomes = [writer.complete(body) for body in bodies]
         refused = [outcome for outcome in outcomes if outcome.error]
         if len(refused) == len(outcomes):
             raise refused[0].error
@@ -105,8 +109,10 @@ def complete_file(options: argparse.Namespace, screen: Screen) -> int:
             screen.line(summary(outcome))
     screen.clear()
     for outcome in refused:
-        print(f"error: {outcome.name}: {outcome.error.line}", file=sys.stderr)
-    screen.line(f"{os.path.relpath(output.path)}: {', '.join(names)}")
+        notes = getattr(outcome.error, "__notes__", ())
+        print("\n".join([f"error: {outcome.name}: {outcome.error.line}", *notes]), file=sys.stderr)
+    seconds = time.perf_counter() - started
+    screen.line(f"{os.path.relpath(output.path)}: {', '.join(names)} ({seconds:.1f} s)")
     return max((exit_code(outcome.error) for outcome in refused), default=0)
 
 
@@ -116,9 +122,21 @@ def summary(outcome: Outcome) -> str:
     asked = "" if shell["w0"] >= 0.9 * shell["w0_asked"] else f" (asked: {shell['w0_asked']:.2f})"
     return (
         f"{outcome.name}: w0 {shell['w0']:.2f}{asked}, {shell['elements']} shell elements, all "
-        f"proved valid, {outcome.report['interior']['tets']} tets; FEM mesh of {fem['nodes']} "
-        f"nodes; {outcome.report['seconds']['total']:.1f} s"
+        f"proved valid, {outcome.report['interior']['tets']} tets; FEM mesh of {fem['nodes']} nodes"
     )
+
+
+def parameters_of(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of the command line under the names that document objects use."""
+    return {
+        "W0": options.w0,
+        "Layers": options.layers,
+        "Degree": options.degree,
+        "Tolerance": options.tolerance,
+        "Midstructure.Method": options.midstructure,
+        "FemMesh.Order": "Second" if options.order == 2 else "First",
+        "FemMesh.Density": options.nodes,
+    }
 
 
 class _Writer:
@@ -127,12 +145,14 @@ class _Writer:
     def __init__(
         self,
         options: argparse.Namespace,
+        parameters: dict[str, Any],
         output: OutputFolder,
         screen: Screen,
         python: str,
         bodies: int,
     ) -> None:
         self._options = options
+        self._parameters = parameters
         self._output = output
         self._screen = screen
         self._python = python
@@ -140,36 +160,27 @@ class _Writer:
         self._prepared: list[Any] = []
         self._document_seconds = 0.0
 
-    def complete(self, number: int, body: Any) -> Outcome:
+    def complete(self, body: Any) -> Outcome:
         """Complete one body; a refusal is kept in the outcome."""
         outcome = Outcome(body.name, error=body.error)
         if outcome.error is None:
             try:
-                outcome.report = self._complete(number, body)
+                outcome.report = self._complete(body)
             except HybridVolumeError as error:
                 outcome.error = error
         return outcome
 
-    def _complete(self, number: int, body: Any) -> dict[str, Any]:
+    def _complete(self, body: Any) -> dict[str, Any]:
         from HybridVolume.objects import document, volume
 
-        options = self._options
-        parameters = {
-            "W0": options.w0,
-            "Layers": options.layers,
-            "Degree": options.degree,
-            "Tolerance": options.tolerance,
-            "Midstructure.Method": options.midstructure,
-            "FemMesh.Order": "Second" if options.order == 2 else "First",
-            "FemMesh.Density": options.nodes,
-        }
         job = Job(
             body.faces,
             name=body.name,
-            options=volume.options_of(parameters),
-            source={"file": Path(options.body).name, "bodies": self._bodies},
+            options=volume.options_of(self._parameters),
+            source={"file": Path(self._options.body).name, "bodies": self._bodies},
             exports=EXPORTS,
             python=self._python,
+            free_only=self._options.free_only,
             parent=self._output.scratch,
         )
         with job:
@@ -184,7 +195,7 @@ class _Writer:
                     volume=result,
                     result=stored,
                     report=job.report(),
-                    parameters=parameters,
+                    parameters=self._parameters,
                     fingerprint=volume.fingerprint(body.shape),
                 )
             )

@@ -298,7 +298,8 @@ class Job:
         Raises
         ------
         HybridVolumeError
-            What the worker found, or :class:`WorkerError` where it died.
+            What the worker found, or :class:`WorkerError` where it died; a fault carries the
+            worker's log as a note.
         """
         try:
             self.start()
@@ -311,6 +312,8 @@ class Job:
             self.cancel()
             raise
         if self.error:
+            if self.log and exit_code(self.error) == 1:
+                self.error.add_note(self.log)
             raise self.error
         return self.result()
 

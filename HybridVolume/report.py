@@ -130,7 +130,7 @@ def shell_figures(shell: Shell, volume: HybridVolume) -> dict[str, Any]:
     Raises
     ------
     FaultError
-        The certificate does not belong to the shell.
+        The certificate is another shell's, or does not prove every element.
     """
     from HybridVolume.core.validity import scaled_jacobian
 
@@ -139,10 +139,15 @@ def shell_figures(shell: Shell, volume: HybridVolume) -> dict[str, Any]:
         raise FaultError(
             f"the certificate has {len(certificate)} elements, the shell {shell.element_count}"
         )
+    if not (certificate.all_valid and shell.embedded):
+        raise FaultError(
+            f"only {certificate.valid} of {len(certificate)} elements are proved valid, or the "
+            "inner surface cuts itself: this is no result"
+        )
     thickness = shell.thickness()
     sizes = shell.element_volumes()
     columns = sizes.reshape(-1, shell.layer_count)
-    outer = np.abs(shell.layers[0] - volume.surface.control_points)
+    outer = np.abs(shell.layers[0] - volume.surface.control_points).max()
     return {
         "w0": float(shell.w0),
         "w0_rms": float(shell.w0_rms),
@@ -162,7 +167,7 @@ def shell_figures(shell: Shell, volume: HybridVolume) -> dict[str, Any]:
         "min_scaled_jacobian": float(scaled_jacobian(shell.bezier_elements()).min()),
         "min_bernstein": float(certificate.min_bernstein.min()),
         "volume": float(sizes.sum()),
-        "boundary_deviation": float(outer.max()),
+        "boundary_deviation": float(max(outer, volume.report["boundary_deviation"])),
         "volume_ratio_max": float((columns.max(axis=1) / columns.min(axis=1)).max()),
     }
 

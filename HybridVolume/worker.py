@@ -8,6 +8,7 @@ Ends with 0 when the result is written, 2 for an input that is refused, 1 for a 
 from __future__ import annotations
 
 import contextlib
+import importlib
 import json
 import logging
 import os
@@ -103,7 +104,8 @@ def work(folder: Path, channel: Channel) -> None:
 
 def write_export(volume: Any, export: str, path: Path) -> None:
     """Write one of :data:`HybridVolume.job.EXPORTS`."""
-    raise KeyError(export)
+    module = importlib.import_module(f"HybridVolume.exports.{export}")
+    getattr(module, f"write_{export}")(path, volume)
 
 
 def die_with_parent() -> None:

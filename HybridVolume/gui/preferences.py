@@ -50,7 +50,7 @@ def load() -> Preferences:
     return Preferences(
         python=group.GetString("Python", ""),
         w0=min(max(group.GetFloat("W0", 0.5), 0.01), 0.99),
-        layers=max(group.GetInt("Layers", 1), 1),
+        layers=max(group.GetInt("Layers", 2), 1),
         engine=ENGINES[engine] if 0 <= engine < len(ENGINES) else ENGINES[0],
         free_only=group.GetBool("FreeOnly", False),
     )

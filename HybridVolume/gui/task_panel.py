@@ -258,11 +258,7 @@ class TaskPanel:
             )
             for (number, body), job in zip(self._bodies, jobs, strict=True)
         ]
-        volumes = document.insert(doc, self._source, prepared, self._volume)
-        if self._source.ViewObject:
-            # Shell and body have the same outside.
-            self._source.ViewObject.Visibility = False
-        return volumes
+        return document.insert(doc, self._source, prepared, self._volume)
 
     def _fail(self, error: HybridVolumeError, log: str) -> None:
         self._write(f"error: {error.line}")

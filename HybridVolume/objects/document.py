@@ -144,6 +144,8 @@ def insert(
         for one in prepared:
             obj = replaced or _make_objects(doc, one)
             obj.Source = source
+            # Shell and body have the same outside.
+            source.Visibility = False
             _fill(obj, one)
             volumes.append(obj)
         doc.recompute()
@@ -207,8 +209,6 @@ def save_new(prepared: Sequence[Prepared], path: str | os.PathLike) -> None:
             source = doc.addObject("Part::Feature", "Body")
             source.Label = one.completed.body.name
             source.Shape = one.completed.body.shape
-            # Shell and body have the same outside.
-            source.Visibility = False
             insert(doc, source, [one])
         doc.saveAs(str(path))
         if not Path(path).is_file():

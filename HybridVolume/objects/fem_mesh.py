@@ -24,7 +24,7 @@ from .properties import DocumentObject, Property
 if TYPE_CHECKING:
     from HybridVolume.core.finite_elements import FiniteElementMesh
 
-SAMPLED_NODES = 1000
+SAMPLED_NODES = 500
 """Nodes that are looked for on the CAD faces altogether: each costs OCC about 2 ms."""
 
 WIDEST = 1e-5

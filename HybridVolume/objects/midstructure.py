@@ -8,7 +8,7 @@ from typing import Any
 
 from .properties import DocumentObject, Property
 
-METHODS = ("auto", "medial-axis", "skeleton", "distance")
+METHODS = ("auto", "medial-axis")
 
 _FOUND = "Found"
 _SEARCH = "Search"
@@ -22,8 +22,7 @@ class MidstructureObject(DocumentObject):
         "Method": Property(
             "App::PropertyEnumeration",
             _SEARCH,
-            "How the midstructure is found; auto takes the medial axis and falls back where the "
-            "body has none.",
+            "How the midstructure is found; auto takes the medial axis.",
             choices=METHODS,
         ),
         "MethodUsed": Property(

@@ -5,12 +5,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from HybridVolume.sources import global_shape
 
 from .fingerprint import fingerprint
 from .properties import DocumentObject, Property
+
+if TYPE_CHECKING:
+    from HybridVolume.core.hybrid import HybridVolume
 
 _PARAMETERS = "Parameters"
 _RESULT = "Result"
@@ -45,7 +48,7 @@ class VolumeObject(DocumentObject):
             "App::PropertyIntegerConstraint",
             _PARAMETERS,
             "Layers of elements through the shell.",
-            (1, 1, 20, 1),
+            (2, 1, 50, 1),
         ),
         "Degree": Property(
             "App::PropertyIntegerConstraint",
@@ -138,6 +141,19 @@ def options_of(parameters: Mapping[str, Any]) -> dict[str, Any]:
         "midstructure": parameters["Midstructure.Method"],
         "order": 2 if parameters["FemMesh.Order"] == "Second" else 1,
         "nodes": parameters["FemMesh.Density"],
+    }
+
+
+def parameters_of(volume: HybridVolume) -> dict[str, Any]:
+    """What an object's parameters were when a volume was computed, as far as the volume tells."""
+    return {
+        "W0": volume.shell.w0_asked,
+        "Layers": volume.shell.layer_count,
+        "Degree": volume.shell.degree_w,
+        "Tolerance": VolumeObject.PROPERTIES["Tolerance"].default,
+        "Midstructure.Method": "auto",
+        "FemMesh.Order": "Second" if volume.fem.order == 2 else "First",
+        "FemMesh.Density": volume.interface.nodes,
     }
 
 
