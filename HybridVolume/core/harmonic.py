@@ -106,16 +106,16 @@ class HarmonicField:
             # a walk can end at the boundary of a body that is not convex: start nearby again
             number = min(6, len(self.mesh))
             starts = self._tree.query(points[lost], k=number)[1].reshape(len(lost), -1)
-            for column in starts.T[1:]:
-                again, values, found = self._walk(points[lost], column)
+            for column in range(1, starts.shape[1]):
+                again, values, found = self._walk(points[lost], starts[:, column])
                 better = values.min(axis=1) > barycentric[lost].min(axis=1)
                 change = lost[better]
                 tet[change], barycentric[change] = again[better], values[better]
                 inside[change] = found[better]
-                lost = lost[~inside[lost]]
+                still = ~inside[lost]
+                lost, starts = lost[still], starts[still]
                 if not len(lost):
                     break
-                starts = starts[: len(lost)]
         return tet, barycentric, inside
 
     def _barycentric(self, points: np.ndarray, tet: np.ndarray) -> np.ndarray:
