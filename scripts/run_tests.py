@@ -24,6 +24,7 @@ PROJECT = Path(__file__).resolve().parent.parent
 DISTRIBUTION = "/usr/bin/python3"
 ENVIRONMENT = os.environ.get("HYBRIDVOLUME_PYTHON", "")
 TIME_LIMIT = 1800  # seconds a run: a hanging test must not hold a machine for hours
+SLOW_TEST = 240  # seconds after which a test that still runs shows where it is
 NO_TESTS = 5  # pytest's exit code
 
 WITHOUT_SHARED_DATA = re.compile(r"shared", re.IGNORECASE)
@@ -109,6 +110,7 @@ def execute(run: Run) -> Outcome:
             sheet = Path(scratch) / "results.xml"
             names = [str(path.relative_to(PROJECT)) for path in files]
             options = [f"--junitxml={sheet}", "--durations=5", "--durations-min=5"]
+            options += ["-o", f"faulthandler_timeout={SLOW_TEST}"]
             code = call([run.python, "-m", "pytest", *options, *names], run)
             if sheet.is_file():
                 count(sheet, outcome)
