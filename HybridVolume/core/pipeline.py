@@ -51,6 +51,8 @@ class Options:
         Nodes of the interface.
     order : {1, 2}
         Order of the finite elements.
+    engine : {"auto", "netgen", "gmsh"}
+        Mesher of the core.
 
     Raises
     ------
@@ -65,12 +67,14 @@ class Options:
     midstructure: str = "auto"
     nodes: str = "knots"
     order: int = 2
+    engine: str = "auto"
 
     def __post_init__(self) -> None:
         choices = {
             "midstructure": ("auto", "medial-axis"),
             "nodes": ("knots", "greville"),
             "order": (1, 2),
+            "engine": ("auto", "netgen", "gmsh"),
         }
         for name, allowed in choices.items():
             if getattr(self, name) not in allowed:
@@ -138,7 +142,7 @@ def complete(
     )
     report("interior", 0.75, f"{certificate.valid} elements proved; interface, core, FEM mesh")
     interface, interior, fem = build_finite_elements(
-        shell, nodes=options.nodes, order=options.order
+        shell, nodes=options.nodes, order=options.order, engine=options.engine
     )
     report("interior", 0.9, f"{len(interior.mesh.tets)} tetrahedra in the core; balance")
     gap = gap_volume(interface, shell)
