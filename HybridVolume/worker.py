@@ -8,7 +8,6 @@ Ends with 0 when the result is written, 2 for an input that is refused, 1 for a 
 from __future__ import annotations
 
 import contextlib
-import importlib
 import json
 import logging
 import os
@@ -104,8 +103,20 @@ def work(folder: Path, channel: Channel) -> None:
 
 def write_export(volume: Any, export: str, path: Path) -> None:
     """Write one of :data:`HybridVolume.job.EXPORTS`."""
-    module = importlib.import_module(f"HybridVolume.exports.{export}")
-    getattr(module, f"write_{export}")(path, volume)
+    if export == "vtu":
+        from HybridVolume.exports.vtu import write_vtu
+
+        write_vtu(path, volume)
+    elif export == "inp":
+        from HybridVolume.exports.inp import write_inp
+
+        write_inp(path, volume.fem, title=path.stem)
+    elif export == "png":
+        from HybridVolume.exports.picture import write_picture
+
+        write_picture(path, volume)
+    else:
+        raise ValueError(f"no export {export!r}")
 
 
 def die_with_parent() -> None:

@@ -76,6 +76,28 @@ def doubled_grid(surface: PatchSurface, u: list[np.ndarray], v: list[np.ndarray]
     return DoubledGrid(tuple(u), tuple(v), tuple(ids), owner, uv)
 
 
+def grid_cells(grid: DoubledGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Cells between the given lines, patch by patch, u then v.
+
+    Returns
+    -------
+    points : (nc, 3, 3) int array
+        Grid points of each cell: corners, middles of the sides, and the middle.
+    patch : (nc,) int array
+    uv : (nc, 3, 3, 2) array
+        Parameters on that patch.
+    """
+    points, patch, uv = [], [], []
+    for k, ids in enumerate(grid.ids):
+        i = np.arange(0, len(ids) - 1, 2)[:, None, None, None] + np.arange(3)[:, None]
+        j = np.arange(0, ids.shape[1] - 1, 2)[None, :, None, None] + np.arange(3)
+        points.append(ids[i, j].reshape(-1, 3, 3))
+        i, j = np.broadcast_arrays(i, j)
+        uv.append(np.stack([grid.u[k][i], grid.v[k][j]], axis=-1).reshape(-1, 3, 3, 2))
+        patch.append(np.full(len(points[-1]), k))
+    return np.concatenate(points), np.concatenate(patch), np.concatenate(uv)
+
+
 def layer_parameters(shell: Shell, between: bool) -> np.ndarray:
     """w of the layers' boundaries from outside (0) to inside (1), and half-way if wanted."""
     lines = bspline.breakpoints(shell.knots_w)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import FaultError, MesherError
-from .columns import doubled_grid, evaluate_columns, interface_lines
+from .columns import doubled_grid, evaluate_columns, grid_cells, interface_lines
 from .element_jacobians import scaled_jacobian
 from .elements import reference
 from .gap import gap_volume, triangle_gaps
@@ -122,7 +122,7 @@ def build_interface(shell: Shell, nodes: str = "knots", subdivide: int = 1) -> I
     number, is_vertex = _node_numbers(
         grid.ids, surface if nodes == "greville" and subdivide == 1 else None
     )
-    cells, cell_patch, cell_uv = _cells(grid.ids, grid.u, grid.v)
+    cells, cell_patch, cell_uv = grid_cells(grid)
     levels = evaluate_columns(shell, grid.owner, grid.uv, np.array([0.0, 0.5, 1.0]))
     second = _better_diagonal(levels, cells)
 
@@ -178,21 +178,6 @@ def _node_numbers(
         for g, patch in zip(ids, greville.patches, strict=True):
             number[g[::2, ::2]] = patch.index
     return number, is_vertex
-
-
-def _cells(
-    ids: tuple[np.ndarray, ...], u: tuple[np.ndarray, ...], v: tuple[np.ndarray, ...]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Grid points of each cell, (nc, 3, 3), its patch, and their parameters, (nc, 3, 3, 2)."""
-    points, patch, uv = [], [], []
-    for k, g in enumerate(ids):
-        i = np.arange(0, len(g) - 1, 2)[:, None, None, None] + np.arange(3)[:, None]
-        j = np.arange(0, g.shape[1] - 1, 2)[None, :, None, None] + np.arange(3)
-        points.append(g[i, j].reshape(-1, 3, 3))
-        i, j = np.broadcast_arrays(i, j)
-        uv.append(np.stack([u[k][i], v[k][j]], axis=-1).reshape(-1, 3, 3, 2))
-        patch.append(np.full(len(points[-1]), k))
-    return np.concatenate(points), np.concatenate(patch), np.concatenate(uv)
 
 
 def _better_diagonal(levels: np.ndarray, cells: np.ndarray) -> np.ndarray:

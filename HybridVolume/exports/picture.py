@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""NAME.png: outer faces red, inner boundary green, tets gray, cut open as in the paper's Fig. 8."""
+
+from __future__ import annotations
+
+import importlib.util
+import logging
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from HybridVolume.core.atomic import beside
+from HybridVolume.errors import SetupError
+
+from .scene import Scene, cutaway
+
+if TYPE_CHECKING:
+    from HybridVolume.core.hybrid import HybridVolume
+
+logger = logging.getLogger(__name__)
+
+_PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def write_picture(
+    path: str | os.PathLike,
+    volume: HybridVolume,
+    *,
+    size: tuple[int, int] = (1600, 1200),
+    time_limit: float = 120.0,
+) -> None:
+    """Draw a hybrid volume without a screen.
+
+    Parameters
+    ----------
+    path : path
+    volume : HybridVolume
+    size : (int, int)
+        Pixels.
+    time_limit : float
+        Seconds for each way of drawing that is tried.
+
+    Raises
+    ------
+    SetupError
+        pyvista is not installed, or nothing on this system can draw.
+    OSError
+        The place cannot be written.
+    """
+    if importlib.util.find_spec("pyvista") is None:
+        raise SetupError("pyvista is not installed: no picture", remedy="install pyvista")
+    scene = cutaway(volume)
+    with beside(path) as part, tempfile.TemporaryDirectory(prefix="hybridvolume-") as folder:
+        arrays = Path(folder) / "scene.npz"
+        np.savez(arrays, **_arrays(scene, size))
+        reasons = []
+        for environment, prefix in _ways():
+            reason = _draw(arrays, part, environment, prefix, time_limit)
+            if reason is None:
+                break
+            reasons.append(reason)
+            logger.info("no picture: %s", reason)
+        else:
+            raise SetupError(
+                f"nothing on this system can draw a picture ({'; '.join(reasons)})",
+                remedy="install libgl1 and libegl1, or Xvfb",
+            )
+
+
+def _arrays(scene: Scene, size: tuple[int, int]) -> dict[str, np.ndarray]:
+    arrays = {
+        "size": np.array(size),
+        "skins": np.array(len(scene.skins)),
+        "wires": np.array(len(scene.wires)),
+        "direction": scene.direction,
+        "up": scene.up,
+        "radius": np.array(scene.radius),
+    }
+    for number, skin in enumerate(scene.skins):
+        arrays[f"skin{number}_points"] = skin.points
+        arrays[f"skin{number}_triangles"] = skin.triangles
+        arrays[f"skin{number}_colour"] = np.array(skin.colour)
+        if skin.normals is not None:
+            arrays[f"skin{number}_normals"] = skin.normals
+    for number, wire in enumerate(scene.wires):
+        arrays[f"wire{number}_points"] = wire.points
+        arrays[f"wire{number}_colour"] = np.array(wire.colour)
+        arrays[f"wire{number}_width"] = np.array(wire.width)
+    return arrays
+
+
+def _ways() -> list[tuple[dict[str, str], list[str]]]:
+    """Environments and command prefixes to try, the one without a screen first."""
+    ways: list[tuple[dict[str, str], list[str]]] = [({}, [])]
+    if sys.platform.startswith("linux"):
+        ways.append(({"VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow"}, []))
+        ways.append(({"VTK_DEFAULT_OPENGL_WINDOW": "vtkOSOpenGLRenderWindow"}, []))
+        if shutil.which("xvfb-run"):
+            ways.append(({}, ["xvfb-run", "-a", "-s", "-screen 0 1280x1024x24"]))
+    return ways
+
+
+def _draw(
+    arrays: Path, part: Path, extra: dict[str, str], prefix: list[str], time_limit: float
+) -> str | None:
+    """Draw in a process of its own; the reason where there is no picture afterwards."""
+    environment = {**os.environ, **extra}
+    root = str(Path(__file__).resolve().parents[2])
+    known = environment.get("PYTHONPATH", "")
+    environment["PYTHONPATH"] = os.pathsep.join(p for p in (root, known) if p)
+    command = [*prefix, sys.executable, "-m", f"{__package__}.render", str(arrays), str(part)]
+    try:
+        done = subprocess.run(
+            command,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=time_limit,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return f"no answer within {time_limit:g} s"
+    if done.returncode == 0 and part.read_bytes()[:8] == _PNG:
+        return None
+    lines = [line for line in done.stderr.splitlines() if line.strip()]
+    said = lines[-1].strip()[:160] if lines else "no message"
+    return f"code {done.returncode}, {said}"
