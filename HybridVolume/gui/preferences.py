@@ -14,7 +14,7 @@ from HybridVolume.job import PREFERENCES
 
 RESOURCES = Path(HybridVolume.__file__).resolve().parent.parent / "resources"
 
-ENGINES = ("auto", "netgen", "gmsh", "pytetwild")
+ENGINES = ("auto", "netgen", "gmsh")
 """Meshers for the core in the order of the page's list."""
 
 
