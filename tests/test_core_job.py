@@ -22,8 +22,9 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="workers are made of 
 
 
 @pytest.fixture
-def worker(tmp_path):
+def worker(tmp_path, monkeypatch):
     """Makes an interpreter that runs a text as the worker; FOLDER is its job's folder."""
+    monkeypatch.delenv("HYBRIDVOLUME_PYTHON", raising=False)  # it would win over the argument
 
     def make(text: str) -> str:
         path = tmp_path / "python"
