@@ -360,7 +360,11 @@ def grow_shell(
     notes = []
     grower = _Grower(surface, field, degree_w, report)
     level = field.largest_level(surface.genus, w0)
-    if level < w0 * (1.0 - 1e-9):
+    if level < 0.05 * w0:
+        # the field is torn by necks at every level, but the columns cross them undisturbed
+        notes.append(f"no isosurface has the body's genus; the shell is drawn to w0 = {w0:.3g}")
+        level = w0
+    elif level < w0 * (1.0 - 1e-9):
         notes.append(
             f"the isosurface at w0 = {w0:.3g} has another genus than the body;"
             f" the largest level with the right genus is {level:.3g}"

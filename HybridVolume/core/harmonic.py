@@ -12,6 +12,8 @@ from functools import cached_property
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.sparse.linalg import LinearOperator, cg
 from scipy.spatial import cKDTree
 
@@ -259,6 +261,11 @@ def solve_on(domain: Domain) -> HarmonicField:
     local = np.einsum("mai,mbi->mab", hats, hats) * np.abs(mesh.volumes)[:, None, None]
     fixed = domain.inner & ~mesh.on_boundary
     w = _maximum_principle(mesh, local, fixed)
+    tied = tie_parts(mesh, w, fixed)
+    if len(tied):
+        log.info("the midstructure lay in pieces: tied together by %d vertices", len(tied))
+        fixed[tied] = True
+        w = _maximum_principle(mesh, local, fixed)
     slope = np.einsum("mk,mki->mi", w[mesh.tets], hats)
     weight = np.bincount(mesh.tets.ravel(), np.repeat(mesh.volumes, 4), n)
     gradient = np.column_stack(
@@ -269,6 +276,91 @@ def solve_on(domain: Domain) -> HarmonicField:
     ) / np.maximum(weight, np.finfo(float).tiny)[:, None]  # fmt: skip
     log.info("harmonic field: %d tetrahedra, %d vertices (%s)", len(mesh), n, mesh.engine)
     return HarmonicField(mesh, w, gradient, fixed, domain.embedded)
+
+
+def release_islands(
+    field: HarmonicField, level: float, share: float = 0.03
+) -> tuple[HarmonicField, int]:
+    """Let go of parts of the midstructure that only lift the field near themselves.
+
+    Where a body is necked, {w > level} falls into pieces; a piece that holds next to none of the
+    volume is no part of the core, and the inner boundary needs no hole around it.
+
+    Parameters
+    ----------
+    field : HarmonicField
+    level : float
+    share : float
+        Largest share of the volume of {w > level} that counts as next to none.
+
+    Returns
+    -------
+    field : HarmonicField
+        Solved anew where anything was let go.
+    released : int
+        Number of pieces that were let go.
+    """
+    mesh, released = field.mesh, 0
+    inner = field.fixed.copy()
+    for _ in range(3):
+        above = field.w > level
+        edges = mesh.edges[above[mesh.edges].all(axis=1)]
+        n = len(mesh.vertices)
+        graph = sparse.coo_matrix((np.ones(len(edges)), edges.T), shape=(n, n))
+        _, piece = connected_components(graph, directed=False)
+        volume = np.repeat(mesh.volumes / 4.0, 4)
+        size = np.bincount(piece[mesh.tets.ravel()], volume * above[mesh.tets.ravel()], len(piece))
+        pieces = np.unique(piece[above])
+        slight = pieces[size[pieces] < share * size.sum()]
+        gone = inner & np.isin(piece, slight)
+        if not gone.any() or np.array_equal(gone, inner):
+            break
+        inner &= ~gone
+        released += len(np.unique(piece[gone]))
+        field = solve_on(Domain(mesh, inner, field.embedded))
+    if released:
+        log.info("%d parts of the midstructure let go: they only lift w near themselves", released)
+    return field, released
+
+
+def tie_parts(mesh: TetMesh, w: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+    """Vertices that tie the parts of the midstructure together where they meet at the highest w.
+
+    Where the midstructure lies in pieces, the isosurfaces near 1 do, too. Ties over the highest
+    saddles join what would join at some lower level anyway, and add no handles.
+
+    Parameters
+    ----------
+    mesh : TetMesh
+    w : (n,) array
+        The field without ties.
+    fixed : (n,) bool array
+        Vertices of the midstructure.
+    """
+    n = len(w)
+    a, b = mesh.edges[~mesh.on_boundary[mesh.edges].any(axis=1)].T
+    inside = fixed[a] & fixed[b]
+    shape = (n, n)
+    part = sparse.coo_matrix((np.ones(int(inside.sum())), (a[inside], b[inside])), shape=shape)
+    if len(np.unique(connected_components(part, directed=False)[1][fixed])) <= 1:
+        return np.zeros(0, dtype=np.int64)
+    low = np.where(inside, 1.0, np.minimum(w[a], w[b]))
+    # ties between equal values (flat tetrahedra) are broken by the length
+    length = np.linalg.norm(mesh.vertices[a] - mesh.vertices[b], axis=1)
+    cost = (1.0 - low) + 1e-6 * (length / length.max()) + 1e-9
+    tree = minimum_spanning_tree(sparse.coo_matrix((cost, (a, b)), shape=shape)).tocoo()
+    ends = np.column_stack([tree.row, tree.col])
+    keep = fixed.copy()
+    keep[ends] = True
+    while True:
+        # what hangs off the tree without a vertex of the midstructure is not needed
+        degree = np.bincount(ends.ravel(), minlength=n)
+        leaf = keep & ~fixed & (degree <= 1)
+        if not leaf.any():
+            break
+        keep &= ~leaf
+        ends = ends[keep[ends].all(axis=1)]
+    return np.flatnonzero(keep & ~fixed)
 
 
 def _maximum_principle(mesh: TetMesh, local: np.ndarray, fixed: np.ndarray) -> np.ndarray:

@@ -25,7 +25,7 @@ NOISE_ANGLE = 60.0
 # Share of the largest radius from which on the sheet of an acute edge is kept.
 ACUTE_SHARE = 0.5
 # A facet is a ridge when no neighbour within half its radius is larger than by this factor.
-RIDGE = 1.1
+RIDGE = 1.12
 
 BETWEEN = "between opposite faces"
 ACUTE = "inside an acute edge, its thick part"
@@ -114,6 +114,7 @@ class _Facets:
         facing = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
         # the normals tell the object angle without noise, except at feet on concave edges
         self.angle = np.where(np.abs(seen - facing) < 15.0, facing, seen)
+        self.facing = facing
         self.noise = (seen < NOISE_ANGLE) | (facing < NOISE_ANGLE)
         self.spacing = samples.spacing[raw.feet].max(axis=1)
         self.pair = np.sort(groups.of_patch[samples.patch[raw.feet]], axis=1)
@@ -127,13 +128,35 @@ class _Facets:
     def candidates(self, minimum_length: float) -> np.ndarray:
         """Facets that are no noise of the sampling."""
         good = ~self.noise & (self.length > minimum_length * self.spacing)
-        concave = ~self.groups.edge_convex.all(axis=1)
-        beside = self._has_pair(self.groups.edge_pair[concave])
-        return good & ~(beside & (self.length < 3.0 * self.spacing))
+        short = good & (self.length < 3.0 * self.spacing)
+        distance = self._to_edges(short, np.ones(self.groups.edge_convex.shape, dtype=bool))
+        # short and not between parallel faces: a sharp edge, or one rounded too finely to be seen
+        rounded = (self.pair[:, 0] == self.pair[:, 1]) & (self.facing < 150.0)
+        return good & ~(short & ((distance < 3.0 * self.spacing) | rounded))
 
-    def _has_pair(self, pairs: np.ndarray) -> np.ndarray:
-        n = len(self.groups.of_patch)
-        return np.isin(self.pair[:, 0] * n + self.pair[:, 1], pairs[:, 0] * n + pairs[:, 1])
+    def _to_edges(self, use: np.ndarray, which: np.ndarray) -> np.ndarray:
+        """Distance of the nearer foot to the sharp edges between the two groups of each facet.
+
+        Parameters
+        ----------
+        use : (f,) bool array
+            The facets asked for; infinite for the others.
+        which : (e, k) bool array
+            The edge points that count.
+        """
+        groups, n = self.groups, len(self.groups.of_patch)
+        result = np.full(len(self.pair), np.inf)
+        key = self.pair[:, 0] * n + self.pair[:, 1]
+        edge_key = groups.edge_pair[:, 0] * n + groups.edge_pair[:, 1]
+        for value in np.intersect1d(key[use], edge_key):
+            sides = edge_key == value
+            points = groups.edge_points[sides][which[sides]]
+            if not len(points):
+                continue
+            members = np.flatnonzero(use & (key == value))
+            feet = self.samples.points[self.raw.feet[members]].reshape(-1, 3)
+            result[members] = cKDTree(points).query(feet)[0].reshape(-1, 2).min(axis=1)
+        return result
 
     def in_wedge(self, candidate: np.ndarray) -> np.ndarray:
         """Facets that lie in the wedge of a convex sharp edge of their own two groups.
@@ -141,29 +164,20 @@ class _Facets:
         In a plane wedge the feet are R tan(angle / 2) from the edge. Where the faces run parallel
         that length is far beyond the edge, and the facet is none of the edge's.
         """
-        groups, n = self.groups, len(self.groups.of_patch)
-        result = np.zeros(len(self.pair), dtype=bool)
-        key = self.pair[:, 0] * n + self.pair[:, 1]
-        edge_key = groups.edge_pair[:, 0] * n + groups.edge_pair[:, 1]
-        wanted = np.intersect1d(key[candidate], edge_key)
         reach = self.radius * np.tan(np.radians(np.minimum(self.angle, 179.9)) / 2.0)
-        for value in wanted:
-            sides = edge_key == value
-            points = groups.edge_points[sides][groups.edge_convex[sides]]
-            if not len(points):
-                continue
-            members = np.flatnonzero(candidate & (key == value))
-            feet = self.samples.points[self.raw.feet[members]]
-            distance = cKDTree(points).query(feet.reshape(-1, 3))[0].reshape(-1, 2).min(axis=1)
-            result[members] = distance > 0.7 * reach[members]
-        return result
+        distance = self._to_edges(candidate, self.groups.edge_convex)
+        return np.isfinite(distance) & (distance > 0.7 * reach)
 
-    def components(self, use: np.ndarray, label: np.ndarray) -> np.ndarray:
-        """Connected facets of equal label over Voronoi edges with two of the used facets."""
+    def components(
+        self, use: np.ndarray, label: np.ndarray, *, manifold: bool = True
+    ) -> np.ndarray:
+        """Connected facets of equal label over Voronoi edges (with just two of the used facets)."""
         raw = self.raw
         both = use[raw.edges].all(axis=1)
         pairs, edge = raw.edges[both], raw.edge[both]
-        lonely = np.bincount(edge)[edge] == 1 if len(edge) else np.zeros(0, dtype=bool)
+        lonely = np.ones(len(edge), dtype=bool)
+        if manifold and len(edge):
+            lonely = np.bincount(edge)[edge] == 1
         same = label[pairs[:, 0]] == label[pairs[:, 1]]
         pairs = pairs[lonely & same]
         n = len(use)
@@ -192,6 +206,7 @@ def _classify(facets: _Facets, candidate: np.ndarray, angle: float) -> np.ndarra
     kept = (reason == BETWEEN) | thick
     part = facets.components(kept, pair)
     small = kept & ~_large(facets, part, kept)
+    small |= kept & ~small & _slight(facets, kept & ~small)
     reason[small] = SMALL
     kept &= ~small
     ridge = _lonely_ridges(facets, candidate, kept) & ~(acute & big)
@@ -205,6 +220,19 @@ def _large(facets: _Facets, part: np.ndarray, use: np.ndarray) -> np.ndarray:
     cell = np.bincount(part[use], facets.spacing[use] ** 2, len(part))
     number = np.maximum(np.bincount(part[use], minlength=len(part)), 1)
     return (area > 4.0 * cell / number)[part]
+
+
+def _slight(facets: _Facets, use: np.ndarray) -> np.ndarray:
+    """Facets of connected parts that are smaller than their own distance from the surface.
+
+    Such a part does not divide the body: it is what remains of an edge sheet near a corner. The
+    measure is local, so a thin region keeps its sheet beside a thick one.
+    """
+    part = facets.components(use, np.zeros(len(use), dtype=int), manifold=False)
+    area = np.bincount(part[use], facets.area[use], len(part))
+    weighted = np.bincount(part[use], facets.area[use] * facets.radius[use], len(part))
+    radius = weighted / np.maximum(area, 1e-300)
+    return use & (area < radius**2)[part]
 
 
 def _lonely_ridges(facets: _Facets, candidate: np.ndarray, kept: np.ndarray) -> np.ndarray:
@@ -223,7 +251,7 @@ def _lonely_ridges(facets: _Facets, candidate: np.ndarray, kept: np.ndarray) -> 
     order = np.lexsort([-radius, label])
     first = order[np.unique(label[order], return_index=True)[1]]
     tree = cKDTree(centre[first])
-    around = tree.query_ball_point(centre[first], 0.5 * radius[first])
+    around = tree.query_ball_point(centre[first], radius[first])
     size = np.array([len(a) for a in around])
     flat = np.concatenate([np.asarray(a, dtype=int) for a in around])
     summit = np.maximum.reduceat(radius[first][flat], np.concatenate([[0], np.cumsum(size)[:-1]]))
