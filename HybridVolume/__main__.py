@@ -116,9 +116,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser().error(f"{options.body} is no command of version {HybridVolume.version}")
     # Warnings of the library are told in the report and in our own lines.
     logging.getLogger("HybridVolume").addHandler(logging.NullHandler())
-    for name in ("SIGTERM", "SIGHUP"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), _interrupt)
+    for number in _STOPPING:
+        # What was told to be ignored (nohup) stays ignored.
+        if signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, _interrupt)
     screen = Screen()
     try:
         return complete_file(options, screen)
@@ -130,9 +131,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return exit_code(error)
     except KeyboardInterrupt as stop:
         screen.clear()
-        number = stop.args[0] if stop.args else signal.SIGINT
         print("error: stopped; nothing was written", file=sys.stderr)
-        return 128 + int(number)
+        return 128 + (stop.args[0] if stop.args else signal.SIGINT)
     except Exception as fault:
         screen.clear()
         print(f"error: fault of HybridVolume: {type(fault).__name__}: {fault}", file=sys.stderr)
@@ -140,7 +140,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
 
 
+_STOPPING = [
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+]
+
+
 def _interrupt(number: int, _: Any) -> NoReturn:
+    # A second Ctrl-C must not interrupt the cleaning up.
+    for other in _STOPPING:
+        signal.signal(other, signal.SIG_IGN)
     raise KeyboardInterrupt(number)
 
 

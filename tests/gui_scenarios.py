@@ -305,7 +305,7 @@ def without_environment(answer):
     answer["failed"] = {"message": message_box().text(), "same": state(doc) == before}
 
 
-def open_a_file_of_the_command_line(answer):
+def open_a_document(answer):
     """A document that was made without a window gets its looks."""
     FreeCADGui.activateWorkbench("PartWorkbench")
     doc = FreeCAD.openDocument(os.environ["HYBRIDVOLUME_DOCUMENT"])

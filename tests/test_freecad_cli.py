@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import HybridVolume
 from HybridVolume import job
-from HybridVolume.errors import SetupError
+from HybridVolume.errors import SeamError, SetupError
 
 try:
     from HybridVolume.freecad_python import import_freecad
@@ -293,6 +294,29 @@ def test_several_bodies_one_refused(place, python):
     assert all(one["fem"]["penta6"] > 0 == one["fem"]["penta15"] for one in report["volumes"])
     (refused,) = report["refused"]
     assert refused["name"] == "three_2" and refused["code"] == "seam"
+
+
+def test_the_same_from_a_macro(place, python, monkeypatch):
+    monkeypatch.setenv("HYBRIDVOLUME_PYTHON", python)
+    (body,) = HybridVolume.read_step(write_step(box(), place / "box.step"))
+    assert HybridVolume.medial_axis(body, samples=2000).area > 0.1
+    news = []
+    volume = HybridVolume.complete(body, w0=0.3, layers=1, progress=news.append)
+    assert volume.certificate.all_valid and volume.shell.layer_count == 1
+    assert [one.fraction for one in news] == sorted(one.fraction for one in news)
+    doc = FreeCAD.newDocument("macro", hidden=True, temp=True)
+    try:
+        source = doc.addObject("Part::Feature", "Body")
+        source.Shape = body.shape
+        mesh = HybridVolume.to_fem(volume, doc, order=1, body=source)
+        assert mesh.FemMesh.VolumeCount == len(volume.fem.wedges) + len(volume.fem.tets)
+        made = HybridVolume.to_document(volume, doc, source)
+        assert made.Status == "Up to date" and made.W0 == 0.3 and made.Layers == 1
+    finally:
+        FreeCAD.closeDocument(doc.Name)
+    # a shape alone does as well; what the body is refused for arrives here
+    with pytest.raises(SeamError, match="Face1"):
+        HybridVolume.complete(Part.makeCylinder(1, 2))
 
 
 # ------------------------------------------------------------------- stopped on the way

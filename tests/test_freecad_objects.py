@@ -4,7 +4,10 @@
 
 import subprocess
 import sys
+import tomllib
+from pathlib import Path
 from types import SimpleNamespace
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -21,30 +24,12 @@ except SetupError as missing:
 
 import Fem
 import Part
+from made_by_hand import SIZE, completed, face_names
 
 import HybridVolume
-from HybridVolume import sources
-from HybridVolume.core.assembly import build_surface
-from HybridVolume.core.midstructure import Midstructure, Sheet
 from HybridVolume.objects import document, fem_mesh
 from HybridVolume.objects.fingerprint import fingerprint
-from HybridVolume.objects.volume import CHILDREN, source_fingerprint
-
-SIZE = (3.0, 2.0, 1.0)
-PARAMETERS = {
-    "W0": 0.4,
-    "Layers": 1,
-    "Degree": 1,
-    "Tolerance": 1e-7,
-    "Midstructure.Method": "auto",
-    "FemMesh.Order": "Second",
-    "FemMesh.Density": "knots",
-}
-REPORT = {
-    "input": {"file": "box.step"},
-    "shell": {"w0": 0.4, "elements": 6, "min_scaled_jacobian": 0.5},
-    "fem": {"nodes": 69},
-}
+from HybridVolume.objects.volume import CHILDREN
 
 
 @pytest.fixture
@@ -64,47 +49,6 @@ def box(doc):
     doc.recompute()
     doc.clearUndos()
     return box
-
-
-def face_names(shape):
-    """Names of the faces at x = 0, x = a, y = 0, ..."""
-    names = []
-    for axis in range(3):
-        for end in (0.0, SIZE[axis]):
-            names += [
-                f"Face{i + 1}"
-                for i, face in enumerate(shape.Faces)
-                if all(abs(v.Point[axis] - end) < 1e-9 for v in face.Vertexes)
-            ]
-    return names
-
-
-def completed(box, tmp_path, fem=None):
-    (body,) = sources.read_object(box)
-    sheet = Sheet(("Face5", "Face6"), 2.0, (0.5, 0.5), (180.0, 180.0), True, "", (1.5, 1.0, 0.5))
-    midstructure = Midstructure(
-        vertices=np.array([[1.0, 1.0, 0.5], [2.0, 1.0, 0.5], [2.0, 1.5, 0.5]]),
-        facets=np.array([[0, 1, 2]]),
-        sheet=np.array([0]),
-        kept=np.array([True]),
-        radius=np.full(3, 0.5),
-        sheets=(sheet,),
-    )
-    result = tmp_path / "result.npz"
-    np.savez(result, stored=np.arange(5.0))
-    return document.Completed(
-        body=body,
-        solid=1,
-        volume=SimpleNamespace(
-            fem=fem or box_mesh(SIZE, face_names(box.Shape)),
-            midstructure=midstructure,
-            surface=build_surface(list(body.faces)),
-        ),
-        result=result,
-        report=REPORT,
-        parameters=PARAMETERS,
-        fingerprint=source_fingerprint(box),
-    )
 
 
 @pytest.fixture
@@ -183,7 +127,7 @@ def test_saved_and_reopened(doc, box, volume, tmp_path):
             "Out of date: FemMesh.Order changed",
         ),
         (
-            lambda volume: setattr(volume.Midstructure, "Method", "distance"),
+            lambda volume: setattr(volume.Midstructure, "Method", "medial-axis"),
             "Out of date: Midstructure.Method changed",
         ),
     ],
@@ -320,3 +264,11 @@ def test_importing_the_package_loads_nothing():
     assert set(HybridVolume.__all__) <= set(dir(HybridVolume))
     with pytest.raises(AttributeError):
         HybridVolume.no_such_function  # noqa: B018
+
+
+def test_one_version():
+    root = Path(HybridVolume.__file__).resolve().parent.parent
+    package = ElementTree.parse(root / "package.xml")
+    assert package.find("{*}version").text == HybridVolume.version
+    with open(root / "pyproject.toml", "rb") as file:
+        assert tomllib.load(file)["project"]["version"] == HybridVolume.version

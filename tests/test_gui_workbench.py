@@ -13,6 +13,7 @@ import pytest
 
 from HybridVolume import job
 from HybridVolume.errors import SetupError
+from HybridVolume.freecad_python import import_freecad
 
 TESTS = Path(__file__).resolve().parent
 SCREEN = "-screen 0 1280x900x24 -dpi 96 +extension GLX"
@@ -146,6 +147,23 @@ def test_first_use_without_an_environment(tmp_path):
     assert found["declined"]["stage"].startswith("Not started") and found["declined"]["same"]
     assert "no Python" in found["failed"]["message"] and found["failed"]["same"]
     assert not (tmp_path / "environment").exists()
+
+
+def test_a_document_made_without_a_window(tmp_path):
+    FreeCAD = import_freecad()
+    from made_by_hand import SIZE, completed
+
+    from HybridVolume.objects import document
+
+    doc = FreeCAD.newDocument("source", hidden=True, temp=True)
+    box = doc.addObject("Part::Box", "Box")
+    box.Length, box.Width, box.Height = SIZE
+    doc.recompute()
+    document.save_new([document.Prepared(completed(box, tmp_path))], tmp_path / "made.FCStd")
+    FreeCAD.closeDocument(doc.Name)
+    found = play("open_a_document", tmp_path, HYBRIDVOLUME_DOCUMENT=str(tmp_path / "made.FCStd"))
+    looks = {"Body" if name == "Box" else name: shown for name, shown in LOOKS.items()}
+    assert found["visible"] == looks and found["red"] > 0.1
 
 
 if __name__ == "__main__":

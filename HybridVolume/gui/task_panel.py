@@ -238,12 +238,9 @@ class TaskPanel:
         doc = FreeCAD.listDocuments().get(self._document)
         if doc is None:
             raise InputError("the document was closed; the result is dropped")
-        try:
-            gone = doc.getObject(self._source.Name) is None
-        except ReferenceError:
-            gone = True
-        if gone:
-            raise InputError("the body was deleted while its volume was computed")
+        for obj in filter(None, (self._source, self._volume)):
+            if _is_deleted(obj):
+                raise InputError("the body or its volume was deleted while it was computed")
         prepared = [
             document.Prepared(
                 document.Completed(
@@ -264,7 +261,8 @@ class TaskPanel:
         self._write(f"error: {error.line}")
         if log:
             FreeCAD.Console.PrintError(log)
-        if self._volume and error.code != "worker" and self._document in FreeCAD.listDocuments():
+        unrelated = ("worker", "environment")
+        if self._volume and not _is_deleted(self._volume) and error.code not in unrelated:
             set_status(self._volume, f"Failed: {error.line}")
         self._idle("Failed")
         messages.show_error(error, self._source, log)
@@ -297,3 +295,11 @@ class TaskPanel:
         self.form.parameters.setEnabled(not running)
         self.form.run.setEnabled(not running)
         self.form.cancel.setEnabled(running)
+
+
+def _is_deleted(obj: Any) -> bool:
+    """Whether a document object is gone, or its document."""
+    try:
+        return obj.Document is None or obj.Document.getObject(obj.Name) is None
+    except ReferenceError:
+        return True

@@ -259,9 +259,15 @@ def _fill(obj: Any, prepared: Prepared) -> None:
 
 
 def _analysis_body(obj: Any, prepared: Prepared) -> Any:
-    """The object that loads and supports go on: the source, or a copy with a wider tolerance."""
+    """The object that loads and supports go on: the source, or a copy with a wider tolerance.
+
+    A source without a shape of its own (a container of parts) gets a copy too.
+    """
     doc = obj.Document
-    if prepared.analysis_body is None:
+    shape = prepared.analysis_body
+    if shape is None and not hasattr(obj.Source, "Shape"):
+        shape = prepared.completed.body.shape
+    if shape is None:
         if obj.AnalysisBody:
             doc.removeObject(obj.AnalysisBody.Name)
         return obj.Source
@@ -269,7 +275,7 @@ def _analysis_body(obj: Any, prepared: Prepared) -> Any:
         obj.AnalysisBody = doc.addObject("Part::Feature", "AnalysisBody")
         obj.AnalysisBody.Label = f"{prepared.completed.body.name} for analysis"
         obj.AnalysisBody.Visibility = False
-    obj.AnalysisBody.Shape = prepared.analysis_body
+    obj.AnalysisBody.Shape = shape
     return obj.AnalysisBody
 
 
