@@ -37,8 +37,10 @@ THIN_STARTS = (0.5, 0.35, 0.25, 0.15, 0.1, 0.05, 0.025, 0.01)
 """Thicknesses of the thin start, as shares of the shortest net edge nearby."""
 REPAIRS = 9
 """Most local repairs in a row."""
-GRID = 2
-"""Cells a knot span in the triangulations that are tested for crossings."""
+GRIDS = (1, 2)
+"""Cells a knot span in the triangulations that are tested for crossings.
+
+One cell a span is what the core's boundary has, two follow the curves."""
 
 
 @dataclass(frozen=True)
@@ -84,9 +86,9 @@ class _Grower:
         self.nodal = _nodal_matrix(surface)
         self.bulge = _polynomial_correction(surface, self.frame.nodes, self.nodal)
         self.reach = 0.3 * self.frame.spacing
-        self.u, self.v = surface.grid_parameters(GRID)
-        self.outer = surface.triangulation_at(self.u, self.v)
-        self.triangle_element = _triangle_elements(surface)
+        self.grids = [_TestGrid(surface, cells) for cells in GRIDS]
+        # where even the outer surface is cut by its own coarse triangles, they tell nothing
+        self.grids = [grid for grid in self.grids if grid.outer_embedded] or self.grids[-1:]
 
     def shell(self, d: np.ndarray) -> Shell:
         layers = uniform_layers(self.surface.control_points, d, self.degree_w, self.knots_w)
@@ -116,13 +118,8 @@ class _Grower:
 
     def crossing_elements(self, shell: Shell) -> np.ndarray:
         """Elements over which the inner surface cuts itself or the outer one."""
-        inner = shell.inner_surface().triangulation_at(self.u, self.v)
-        own = self_intersections(inner.vertices, inner.triangles)
-        other = surfaces_intersect(
-            inner.vertices, inner.triangles, self.outer.vertices, self.outer.triangles
-        )
-        triangles = np.concatenate([own.ravel(), other[:, 0]])
-        return np.unique(self.triangle_element[triangles.astype(int)])
+        inner = shell.inner_surface()
+        return np.unique(np.concatenate([grid.crossing(inner) for grid in self.grids]))
 
     def front(self, level: float) -> np.ndarray:
         """Displacements of the control points to the solved front at a level."""
@@ -276,15 +273,29 @@ class _Grower:
         )
 
 
-def _triangle_elements(surface: PatchSurface) -> np.ndarray:
-    """Element of every triangle of the surface's triangulation with GRID cells a span."""
-    found, start = [], 0
-    for patch in surface.patches:
-        spans = [len(bspline.breakpoints(knots)) - 1 for knots in patch.knots]
-        i, j = np.indices((GRID * spans[0], GRID * spans[1]))
-        found.append(start + (i // GRID * spans[1] + j // GRID).ravel())
-        start += spans[0] * spans[1]
-    return np.repeat(np.concatenate(found), 2)
+class _TestGrid:
+    """Triangles over the knot spans, by which crossings are found."""
+
+    def __init__(self, surface: PatchSurface, cells: int) -> None:
+        self.lines = surface.grid_parameters(cells)
+        self.outer = surface.triangulation_at(*self.lines)
+        found, start = [], 0
+        for patch in surface.patches:
+            spans = [len(bspline.breakpoints(knots)) - 1 for knots in patch.knots]
+            i, j = np.indices((cells * spans[0], cells * spans[1]))
+            found.append(start + (i // cells * spans[1] + j // cells).ravel())
+            start += spans[0] * spans[1]
+        self.element = np.repeat(np.concatenate(found), 2)
+        self.outer_embedded = not len(self_intersections(self.outer.vertices, self.outer.triangles))
+
+    def crossing(self, inner: PatchSurface) -> np.ndarray:
+        """Elements whose inner triangles cut each other or the outer surface."""
+        mesh = inner.triangulation_at(*self.lines)
+        own = self_intersections(mesh.vertices, mesh.triangles)
+        other = surfaces_intersect(
+            mesh.vertices, mesh.triangles, self.outer.vertices, self.outer.triangles
+        )
+        return self.element[np.concatenate([own.ravel(), other[:, 0]]).astype(int)]
 
 
 def _nodal_matrix(surface: PatchSurface) -> sparse.csr_matrix:
