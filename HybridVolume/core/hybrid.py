@@ -8,9 +8,11 @@ each kind of number that holds all arrays one after the other. It is read back b
 
 from __future__ import annotations
 
+import io
 import json
 import logging
 import os
+import struct
 import zipfile
 import zlib
 from dataclasses import dataclass, field, fields, is_dataclass
@@ -129,44 +131,65 @@ def load(path: str | os.PathLike) -> HybridVolume:
     """Read a hybrid volume; see `HybridVolume.load`."""
     name = Path(path).name
     try:
-        with np.load(path, allow_pickle=False) as file:
-            if not isinstance(file, np.lib.npyio.NpzFile) or "header" not in file.files:
-                raise FileFormatError(f"{name} is not a hybrid volume", remedy=_REMEDY)
-            header = json.loads(file["header"].tobytes().decode("utf-8"))
-            _check_header(name, header)
-            buffers = {key: file[key] for key in file.files if key != "header"}
+        header, buffers = _read(path)
         found = _Reader(buffers).decode(header["root"])
-    except FileFormatError:
-        raise
+    except _ForeignError as error:
+        raise FileFormatError(f"{name} {error}", remedy=_REMEDY) from None
     except FileNotFoundError:
         raise FileFormatError(f"{name} does not exist", remedy="name another file") from None
-    except (zipfile.BadZipFile, zlib.error, EOFError, ValueError, KeyError, TypeError) as error:
-        raise FileFormatError(f"{name} is damaged ({_short(error)})", remedy=_REMEDY) from error
-    except (IndexError, AttributeError, OverflowError, NotImplementedError, MemoryError) as error:
-        raise FileFormatError(f"{name} is damaged ({_short(error)})", remedy=_REMEDY) from error
     except OSError as error:
         raise FileFormatError(
             f"{name} cannot be read: {error.strerror or error}", remedy="name another file"
         ) from error
+    except _DAMAGE as error:
+        raise FileFormatError(f"{name} is damaged ({_short(error)})", remedy=_REMEDY) from error
     if not isinstance(found, HybridVolume):
         raise FileFormatError(f"{name} holds no hybrid volume", remedy=_REMEDY)
     return found
 
 
+_DAMAGE = (
+    *(zipfile.BadZipFile, zlib.error, EOFError, struct.error, RecursionError, MemoryError),
+    *(ValueError, KeyError, TypeError, IndexError, AttributeError, NotImplementedError),
+    *(OverflowError, SyntaxError, RuntimeError),
+)
+"""What numpy, zipfile and the decoder raise on damaged files."""
+
+
+class _ForeignError(Exception):
+    """The file is whole but is not what this program reads."""
+
+
+def _read(path: str | os.PathLike) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Header and buffers of a file of the right format and version."""
+    foreign = "is not a hybrid volume"
+    with open(path, "rb") as file:
+        if file.read(2) != b"PK":
+            raise _ForeignError(foreign)
+        with zipfile.ZipFile(file) as archive:
+            names = {member.removesuffix(".npy") for member in archive.namelist()}
+            if "header" not in names:
+                raise _ForeignError(foreign)
+            header = json.loads(_member(archive, "header").tobytes().decode("utf-8"))
+            if not isinstance(header, dict) or header.get("format") != FORMAT:
+                raise _ForeignError(foreign)
+            if header.get("version") != VERSION:
+                raise _ForeignError(
+                    f"has version {header.get('version')} of the format, this program reads"
+                    f" {VERSION}"
+                )
+            return header, {name: _member(archive, name) for name in names - {"header"}}
+
+
+def _member(archive: zipfile.ZipFile, name: str) -> np.ndarray:
+    # read as a whole, so that its checksum is compared before anything is made of it
+    data = archive.read(f"{name}.npy")
+    return np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
+
+
 def _short(error: BaseException) -> str:
     text = " ".join(str(error).split())
     return (text or type(error).__name__)[:120]
-
-
-def _check_header(name: str, header: Any) -> None:
-    if not isinstance(header, dict) or header.get("format") != FORMAT:
-        raise FileFormatError(f"{name} is not a hybrid volume", remedy=_REMEDY)
-    if header.get("version") != VERSION:
-        raise FileFormatError(
-            f"{name} has version {header.get('version')} of the format, this program reads"
-            f" {VERSION}",
-            remedy=_REMEDY,
-        )
 
 
 class _Writer:
@@ -245,10 +268,8 @@ class _Reader:
         parts = {key: self.decode(v) for key, v in value["fields"].items()}
         unknown = set(parts) - {f.name for f in fields(made)}
         if unknown:
-            raise FileFormatError(
-                f"the file's {name} has {', '.join(sorted(unknown))}, which this program does not"
-                " know",
-                remedy=_REMEDY,
+            raise _ForeignError(
+                f"has a {name} with {', '.join(sorted(unknown))}, which this program does not know"
             )
         found = made(**parts)
         self._objects[value["number"]] = found

@@ -126,7 +126,7 @@ class _Cut:
         self.kept = self._along(middle) < SHELL_ENDS
         if not self.kept.any() or self.kept.all():
             self.kept = self._along(middle) <= np.median(self._along(middle))
-        self.steps = int(np.clip(np.sqrt(_POINTS / max(1, len(self.cells))), 2, 8))
+        self.steps = int(np.clip(np.sqrt(_POINTS / max(1, len(self.cells))), 2, 20))
         self.wires: list[Wire] = []
 
     def _along(self, points: np.ndarray) -> np.ndarray:
@@ -195,9 +195,14 @@ class _Cut:
             axis=0, return_index=True, return_inverse=True, return_counts=True,
         )  # fmt: skip
         open_ = count[inverse.reshape(-1)[: len(keys)]] == 1
-        bary, triangles = _triangle_lattice(4 if fem.order == 2 else 1)
+        bary, triangles = _triangle_lattice(max(4, self.steps // 2) if fem.order == 2 else 1)
         values = shape_functions(fem.face_kind, bary[:, 1:])
-        x = np.einsum("kn,tnc->tkc", values, fem.nodes[rows[open_]])
+        nodes = fem.nodes.copy()
+        if fem.order == 2:
+            # mid nodes that were moved inside stand off the inner surface that is drawn
+            interface = self.volume.interface
+            nodes[fem.interface[:, 3:]] = interface.midpoints[interface.triangle_edges]
+        x = np.einsum("kn,tnc->tkc", values, nodes[rows[open_]])
         around = [np.flatnonzero(bary[:, corner] == 0.0) for corner in range(3)]
         edges = np.concatenate([x[:, a] for a in around])
         self.wires.append(Wire(edges, (0.28, 0.28, 0.31), 1.6))
