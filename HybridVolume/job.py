@@ -8,7 +8,7 @@ The two sides share a folder and two pipes. The folder holds what :meth:`Job.pre
 ``{"stage", "fraction", "text"}`` while it works, then ``{"done": true}`` or ``{"error": {...}}``.
 Its input carries nothing and stays open: when it closes, our process is gone and the worker ends.
 
-This module needs the standard library and numpy only; :mod:`HybridVolume.worker` is the other side.
+Importing this module needs the standard library only; :mod:`HybridVolume.worker` is the other side.
 """
 
 from __future__ import annotations
@@ -29,8 +29,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from HybridVolume import environment
 from HybridVolume.errors import (
     FileFormatError,
@@ -43,6 +41,8 @@ from HybridVolume.errors import (
 )
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from HybridVolume.core.hybrid import HybridVolume
     from HybridVolume.core.surface import SplineFace
 
@@ -108,6 +108,8 @@ def _preferred_python() -> str:
 
 def write_surface(path: Path, faces: Sequence[SplineFace]) -> None:
     """Write faces as plain arrays (no pickles) for the worker."""
+    import numpy as np
+
     arrays: dict[str, np.ndarray] = {"names": np.array([face.name for face in faces], dtype=str)}
     arrays["exact"] = np.array([face.exact for face in faces], dtype=bool)
     arrays["degrees"] = np.array([face.degrees for face in faces], dtype=np.int64)
@@ -120,6 +122,8 @@ def write_surface(path: Path, faces: Sequence[SplineFace]) -> None:
 
 def read_surface(path: Path) -> list[SplineFace]:
     """Read what :func:`write_surface` wrote, bit for bit."""
+    import numpy as np
+
     from HybridVolume.core.surface import SplineFace
 
     with np.load(path, allow_pickle=False) as data:
@@ -312,7 +316,7 @@ class Job:
             self.cancel()
             raise
         if self.error:
-            if self.log and exit_code(self.error) == 1:
+            if self.log and self.error.code in ("fault", "mesher", "worker"):
                 self.error.add_note(self.log)
             raise self.error
         return self.result()
@@ -397,7 +401,8 @@ class Job:
         if code is None:
             return WorkerError("the worker closed its output and goes on")
         if code >= 0:
-            return WorkerError(f"the worker ended with code {code} and without an answer")
+            lines = _tail(self.folder / LOG_FILE).strip().splitlines() or ["no reason"]
+            return WorkerError(f"the worker ended with code {code}: {lines[-1].strip()[:200]}")
         try:
             name = signal.Signals(-code).name
         except ValueError:

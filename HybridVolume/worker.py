@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from HybridVolume import job
-from HybridVolume.errors import FaultError, HybridVolumeError
+from HybridVolume.errors import FaultError, HybridVolumeError, SetupError
 
 logger = logging.getLogger(__name__)
 
@@ -153,6 +153,14 @@ def main(arguments: list[str] | None = None) -> int:
             traceback.print_exc()
         channel.send(error=error.to_dict())
         return code
+    except ModuleNotFoundError as missing:
+        traceback.print_exc()
+        error = SetupError(
+            f"the worker's Python {sys.executable} has no {missing.name}",
+            remedy="run ./run.sh once or open Preferences > HybridVolume",
+        )
+        channel.send(error=error.to_dict())
+        return 1
     except Exception as fault:
         traceback.print_exc()
         where = traceback.extract_tb(fault.__traceback__)[-1]

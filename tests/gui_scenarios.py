@@ -277,7 +277,7 @@ def stop_on_the_way(answer):
 
 
 def without_environment(answer):
-    """No environment: a question; No leaves everything, Yes makes it, here in vain."""
+    """No environment: a question; No leaves everything, Yes makes it, in vain or with success."""
     doc, box = new_document()
     before = state(doc)
     asked = []
@@ -303,6 +303,20 @@ def without_environment(answer):
     wait_for(message_box)
     screenshot("6_no_environment")
     answer["failed"] = {"message": message_box().text(), "same": state(doc) == before}
+    message_box().close()
+    wait(300)
+
+    os.environ["HYBRIDVOLUME_BASE_PYTHON"] = os.environ["HYBRIDVOLUME_STUB"]
+    reply(QtGui.QMessageBox.Yes)
+    click("run")
+    wait_for(lambda: stage() == "the first step")
+    screenshot("7_setup")
+    click("cancel")
+    answer["set-up cancelled"] = {"stage": stage(), "same": state(doc) == before}
+    reply(QtGui.QMessageBox.Yes)
+    click("run")
+    wait_for(lambda: stage() == "Done")
+    answer["in the end"] = objects(doc)
 
 
 def open_a_document(answer):

@@ -99,7 +99,8 @@ def test_progress_and_answer(worker, tmp_path):
     ("text", "told"),
     [
         ("print('Traceback: hello', flush=True); time.sleep(60)", "wrote 'Traceback: hello'"),
-        ("sys.exit(3)", "ended with code 3"),
+        ("sys.exit('no numpy here')", "ended with code 1: no numpy here"),
+        ("sys.exit(3)", "ended with code 3: no reason"),
         ("os.abort()", "SIGABRT"),
         ("os.kill(os.getpid(), 9)", "SIGKILL"),
         ("print('{\"done\": true}', flush=True)", "did not write result.npz"),

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 import HybridVolume
-from HybridVolume import job
-from HybridVolume.errors import SeamError, SetupError
+from HybridVolume import job, report
+from HybridVolume.errors import FaultError, SeamError, SetupError
 
 try:
     from HybridVolume.freecad_python import import_freecad
@@ -218,9 +218,9 @@ def test_all_files_arrive(completed):
 
 
 def test_report(completed):
-    report = json.loads((completed[0] / "report.json").read_text())
-    assert report["version"] == 1
-    given = report["input"]
+    found = json.loads((completed[0] / "report.json").read_text())
+    assert found["version"] == 1
+    given = found["input"]
     assert given["file"] == "box.step" and given["bodies"] == 1 and given["closed"] is True
     assert given["faces"] == given["patches"] == 6
     assert given["genus"] == [0] and given["shells"] == 1
@@ -228,7 +228,7 @@ def test_report(completed):
     assert given["area"] == pytest.approx(22.0, rel=1e-12)
     assert given["faces_bit"] + given["faces_exact"] + given["faces_tolerance"] == 6
     assert given["max_deviation"] < 1e-12
-    shell = report["shell"]
+    shell = found["shell"]
     assert shell["elements"] == shell["valid"] > 0
     assert shell["undecided"] == shell["invalid"] == 0 and shell["embedded"] is True
     assert shell["min_bernstein"] > 0 and shell["min_scaled_jacobian"] > 0
@@ -236,21 +236,21 @@ def test_report(completed):
     assert shell["w0_asked"] == 0.4 and 0 < shell["w0"] <= 0.5
     thickness = shell["thickness"]
     assert 0 < thickness["min"] <= thickness["mean"] <= thickness["max"]
-    total = shell["volume"] + report["interior"]["volume"] + report["interface"]["gap_volume"]
+    total = shell["volume"] + found["interior"]["volume"] + found["interface"]["gap_volume"]
     assert total == pytest.approx(6.0, rel=1e-9)
-    fem = report["fem"]
+    fem = found["fem"]
     assert fem["volume"] == pytest.approx(6.0, rel=1e-9) and fem["faces_covered"] == 6
-    assert fem["tet10"] == report["interior"]["tets"] and report["interior"]["boundary_exact"]
-    assert report["midstructure"]["area"] > 0 and report["field"]["tets"] > 0
-    seconds = report["seconds"]
+    assert fem["tet10"] == found["interior"]["tets"] and found["interior"]["boundary_exact"]
+    assert found["midstructure"]["area"] > 0 and found["field"]["tets"] > 0
+    seconds = found["seconds"]
     assert sum(s for name, s in seconds.items() if name != "total") <= seconds["total"]
-    assert 50 < report["peak_memory_mb"] < 2000
-    assert {"python", "numpy", "scipy", "FreeCAD", "HybridVolume"} <= set(report["versions"])
+    assert 50 < found["peak_memory_mb"] < 2000
+    assert {"python", "numpy", "scipy", "FreeCAD", "HybridVolume"} <= set(found["versions"])
 
 
 def test_document(completed):
     out = completed[0]
-    report = json.loads((out / "report.json").read_text())
+    found = json.loads((out / "report.json").read_text())
     doc = FreeCAD.openDocument(str(out / "box.FCStd"), hidden=True)
     try:
         names = {obj.Name for obj in doc.Objects}
@@ -258,10 +258,10 @@ def test_document(completed):
         volume, mesh = doc.HybridVolume, doc.FemMesh.FemMesh
         assert volume.Status == "Up to date" and doc.FemMesh.Shape is doc.Body
         assert doc.Body.Shape.Volume == pytest.approx(6.0)
-        assert mesh.NodeCount == report["fem"]["nodes"]
+        assert mesh.NodeCount == found["fem"]["nodes"]
         groups = {mesh.getGroupName(g): len(mesh.getGroupElements(g)) for g in mesh.Groups}
-        assert groups["Shell"] == report["fem"]["penta15"] == doc.Shell.FemMesh.VolumeCount
-        assert groups["Core"] == report["fem"]["tet10"] == doc.Core.FemMesh.VolumeCount
+        assert groups["Shell"] == found["fem"]["penta15"] == doc.Shell.FemMesh.VolumeCount
+        assert groups["Core"] == found["fem"]["tet10"] == doc.Core.FemMesh.VolumeCount
         assert {f"Face{i}" for i in range(1, 7)} <= set(groups)
         for number, face in enumerate(doc.Body.Shape.Faces, start=1):
             nodes = set(mesh.getNodesByFace(face))
@@ -273,27 +273,42 @@ def test_document(completed):
         stored = HybridVolume.load(volume.Result)
         points = np.array([tuple(p) for p in mesh.Nodes.values()])
         assert np.array_equal(np.unique(points, axis=0), np.unique(stored.fem.nodes, axis=0))
-        assert float(volume.Report["shell.w0"]) == pytest.approx(report["shell"]["w0"], rel=1e-4)
+        assert float(volume.Report["shell.w0"]) == pytest.approx(found["shell"]["w0"], rel=1e-4)
     finally:
         FreeCAD.closeDocument(doc.Name)
 
 
 def test_several_bodies_one_refused(place, python):
-    bodies = [box(), Part.makeCylinder(0.5, 1, FreeCAD.Vector(6, 0, 0)), box(at=(9, 0, 0))]
-    write_step(Part.makeCompound(bodies), place / "three.step")
-    answer = run(place, "three.step", "--order", "1", "--layers", "1")
+    bodies = [box(), Part.makeCylinder(0.5, 1, FreeCAD.Vector(6, 0, 0))]
+    write_step(Part.makeCompound(bodies), place / "two.step")
+    answer = run(place, "two.step", "--order", "1", "--layers", "1")
     assert answer.returncode == 2
     (line,) = answer.stderr.splitlines()
-    assert line.startswith("error: three_2: Face") and "seam" in line
-    names = [f"three_{i}.{e}" for i in (1, 3) for e in ("inp", "png", "vtu")]
-    assert tree(place / "three") == sorted([*names, "report.json", "three.FCStd"])
-    report = json.loads((place / "three" / "report.json").read_text())
-    assert [one["shell"]["layers"] for one in report["volumes"]] == [1, 1]
-    assert report["input"]["volume"] == pytest.approx(12.0)
-    assert report["shell"]["valid"] == sum(one["shell"]["valid"] for one in report["volumes"])
-    assert all(one["fem"]["penta6"] > 0 == one["fem"]["penta15"] for one in report["volumes"])
-    (refused,) = report["refused"]
-    assert refused["name"] == "three_2" and refused["code"] == "seam"
+    assert line.startswith("error: two_2: Face") and "seam" in line
+    names = [f"two_1.{export}" for export in ("inp", "png", "vtu")]
+    assert tree(place / "two") == sorted([*names, "report.json", "two.FCStd"])
+    found = json.loads((place / "two" / "report.json").read_text())
+    (one,) = found["volumes"]
+    assert one["shell"]["layers"] == 1 and one["fem"]["penta6"] > 0 == one["fem"]["penta15"]
+    (refused,) = found["refused"]
+    assert refused["name"] == "two_2" and refused["code"] == "seam"
+
+
+def test_sums_of_several_bodies(completed):
+    one = json.loads((completed[0] / "report.json").read_text())
+    sums = report.file_report([one, one], [], {"reading": 1.0}, 50.0)
+    assert len(sums["volumes"]) == 2 and sums["refused"] == []
+    assert sums["input"]["volume"] == pytest.approx(12.0)
+    assert sums["shell"]["valid"] == 2 * one["shell"]["valid"] == sums["shell"]["elements"]
+    assert sums["fem"]["nodes"] == 2 * one["fem"]["nodes"]
+    assert sums["seconds"]["shell"] == pytest.approx(2 * one["seconds"]["shell"])
+    assert sums["seconds"]["total"] == 50.0
+
+
+def test_a_figure_that_was_never_computed_is_no_report(tmp_path):
+    with pytest.raises(FaultError, match=r"shell\.w0, x\[1\]"):
+        report.write({"shell": {"w0": float("nan")}, "x": [1.0, float("inf")]}, tmp_path / "r")
+    assert tree(tmp_path) == []
 
 
 def test_the_same_from_a_macro(place, python, monkeypatch):
@@ -362,10 +377,15 @@ def gone(pids, seconds=10.0):
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
 @pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGKILL, -9)]
+    ("number", "code", "stage"),
+    [
+        (signal.SIGINT, 130, "midstructure"),
+        (signal.SIGTERM, 143, "midstructure"),
+        (signal.SIGKILL, -9, "field"),
+    ],
 )
-def test_stopped_on_the_way(place, python, number, code):
-    child = started(place, "field")
+def test_stopped_on_the_way(place, python, number, code, stage):
+    child = started(place, stage)
     below = children(child.pid)
     assert below
     child.send_signal(number)

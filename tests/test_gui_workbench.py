@@ -135,18 +135,37 @@ def test_stopped_on_the_way(tmp_path, python):
     assert found["document closed"]["folders"] == []
 
 
-def test_first_use_without_an_environment(tmp_path):
+STUB = """#!/bin/sh
+# Stands in for a Python that makes environments: takes a second and wraps one that is there.
+case "$*" in
+*HybridVolume.environment*)
+    echo "set-up: the first step" >&2
+    sleep 1
+    mkdir -p "{folder}/bin"
+    printf '#!/bin/sh\\nexec "{python}" "$@"\\n' > "{folder}/bin/python"
+    chmod +x "{folder}/bin/python";;
+*) exec "{python}" "$@";;
+esac
+"""
+
+
+def test_first_use_without_an_environment(tmp_path, python):
+    stub = tmp_path / "stub"
+    stub.write_text(STUB.format(folder=tmp_path / "environment", python=python))
+    stub.chmod(0o755)
     found = play(
         "without_environment",
         tmp_path,
         HYBRIDVOLUME_PYTHON=None,
         HYBRIDVOLUME_ENVIRONMENT=str(tmp_path / "environment"),
         HYBRIDVOLUME_BASE_PYTHON=shutil.which("false"),
+        HYBRIDVOLUME_STUB=str(stub),
     )
     assert str(tmp_path / "environment") in found["question"] and "MB" in found["question"]
     assert found["declined"]["stage"].startswith("Not started") and found["declined"]["same"]
     assert "no Python" in found["failed"]["message"] and found["failed"]["same"]
-    assert not (tmp_path / "environment").exists()
+    assert found["set-up cancelled"] == {"stage": "Cancelled", "same": True}
+    assert found["in the end"] == ALL
 
 
 def test_a_document_made_without_a_window(tmp_path):

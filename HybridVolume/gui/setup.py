@@ -14,15 +14,17 @@ from HybridVolume import environment
 from HybridVolume.errors import SetupError
 
 QUESTION = (
-    "HybridVolume computes in a Python environment of its own, which does not exist yet.\n\n"
-    "Make it now? About {download} MB are fetched from the Python Package Index and "
+    "HybridVolume computes in a Python environment of its own, which {state}.\n\n"
+    "Make it now? Up to {download} MB are fetched from the Python Package Index and "
     "{installed} MB of disk are used, in\n{folder}"
 )
 
 
 def question() -> str:
     """Return what a user is asked before anything is fetched."""
+    exists = environment.interpreter().is_file()
     return QUESTION.format(
+        state="is not complete or belongs to another version" if exists else "does not exist yet",
         download=environment.DOWNLOAD_MB,
         installed=environment.INSTALLED_MB,
         folder=environment.default_folder(),

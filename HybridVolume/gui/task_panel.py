@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-import logging
+import os
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,8 +12,8 @@ import FreeCAD
 import FreeCADGui
 from PySide import QtCore, QtGui
 
-from HybridVolume import sources
-from HybridVolume.errors import HybridVolumeError, InputError, SetupError
+from HybridVolume import environment, sources
+from HybridVolume.errors import HybridVolumeError, InputError
 from HybridVolume.job import Job, worker_python
 from HybridVolume.objects import document
 from HybridVolume.objects.midstructure import METHODS
@@ -22,8 +22,6 @@ from HybridVolume.objects.volume import options_of, set_status, source_fingerpri
 from . import messages, preferences
 from .runner import Callbacks, Runner
 from .setup import EnvironmentSetup, question
-
-logger = logging.getLogger(__name__)
 
 ORDERS = (("Second", "second order"), ("First", "first order"))
 
@@ -164,15 +162,15 @@ class TaskPanel:
     def _environment(self) -> EnvironmentSetup | None | bool:
         """What makes the environment first; None where it is there, False where it is declined."""
         chosen = preferences.load()
-        try:
+        if os.environ.get("HYBRIDVOLUME_PYTHON") or chosen.python:
             worker_python(chosen.python)
-        except SetupError:
-            if chosen.python:
-                raise
-            if not messages.ask("Set-up", question()):
-                return False
+            return None
+        if not environment.missing(gpl=not chosen.free_only):
+            return None
+        if messages.ask("Set-up", question()):
             return EnvironmentSetup(chosen.free_only)
-        return None
+        # What is there may do, though it is not what this version asks for.
+        return None if environment.interpreter().is_file() else False
 
     def _read(self) -> None:
         """Take the faces of the body; refused solids are named, the others go on."""
