@@ -7,6 +7,7 @@ from __future__ import annotations
 import importlib.util
 import logging
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -131,6 +132,7 @@ def _draw(
         return f"no answer within {time_limit:g} s"
     if done.returncode == 0 and part.read_bytes()[:8] == _PNG:
         return None
-    lines = [line for line in done.stderr.splitlines() if line.strip()]
+    plain = re.sub(r"\x1b\[[0-9;]*m", "", done.stderr)
+    lines = [line for line in plain.splitlines() if line.strip()]
     said = lines[-1].strip()[:160] if lines else "no message"
     return f"code {done.returncode}, {said}"
