@@ -56,7 +56,7 @@ def adaptive_triangulation(
         Stop there.
     rounds : int
     """
-    mesh = surface.triangulation("knots")
+    mesh = surface.triangulation_at(*_base_lines(surface))
     current = AdaptiveTriangles(
         mesh.vertices, mesh.triangles, mesh.triangle_patch, _corner_parameters(mesh)
     )
@@ -78,6 +78,23 @@ def adaptive_triangulation(
             break
         current = _split(current, edges, chosen)
     return current
+
+
+def _base_lines(surface: PatchSurface) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Knots of each patch, at least three cells a side: with fewer, different edges could have
+    the same two ends (two patches that together form a tube)."""
+    lines = []
+    for parameters in surface.grid_parameters("knots"):
+        cut = [max(1, -(-3 // (len(line) - 1))) for line in parameters]
+        lines.append(
+            [
+                np.append(
+                    (line[:-1, None] + np.diff(line)[:, None] * np.arange(c) / c).ravel(), line[-1]
+                )
+                for line, c in zip(parameters, cut, strict=True)
+            ]
+        )
+    return lines[0], lines[1]
 
 
 def _corner_parameters(mesh: SurfaceMesh) -> np.ndarray:

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,16 +14,15 @@ from ..errors import FaultError, MesherError
 from .adaptive_triangulation import AdaptiveTriangles, adaptive_triangulation
 from .intersection import self_intersections
 from .midstructure import Midstructure
-from .midstructure.simplify import Complex, simplify
+from .midstructure.simplify import Complex, simplify, spread
 from .surface import PatchSurface
 from .tetmesh import TetMesh, fill
 from .tetmesh.split import refine, separate_boundary
 
 log = logging.getLogger(__name__)
 
-Size = Callable[[np.ndarray], np.ndarray]
 # Radius of the balls where w = 1 around lines and points of the midstructure, in local radii.
-BALL = 0.25
+BALL = 0.3
 
 
 @dataclass(frozen=True)
@@ -69,16 +67,17 @@ def build_domain(
     kept = midstructure.facets[midstructure.kept]
     if not len(kept):
         raise FaultError("no facet of the midstructure is kept", remedy="keep at least one sheet")
-    to_middle = cKDTree(midstructure.vertices[np.unique(kept)])
-    size = _surface_size(surface, to_middle, tets)
+    size = _Size.fitted(surface, midstructure, tets)
     options = {"free": free, "time_limit": time_limit}
     boundary = _clean_boundary(surface, size, tets // 4)
     if boundary is None or engine == "pytetwild":
         log.info("the triangulated surface cuts itself: pytetwild, midstructure by distance")
-        boundary = boundary or adaptive_triangulation(surface, size, max_triangles=tets // 2)
-        return _by_distance(boundary, midstructure, size, tets, "pytetwild", options)
+        boundary = boundary or adaptive_triangulation(
+            surface, size.on_surface, max_triangles=tets // 2
+        )
+        return _by_distance(boundary, midstructure, tets, "pytetwild", options)
     outer = (boundary.vertices, boundary.triangles)
-    complex_ = simplify(midstructure, size, outer)
+    complex_ = simplify(midstructure, size.on_midstructure, outer)
     count = len(boundary.vertices)
     try:
         mesh = fill(
@@ -91,37 +90,63 @@ def build_domain(
         )
     except MesherError as error:
         log.info("the midstructure is found by distance, its facets were refused: %s", error)
-        return _by_distance(boundary, midstructure, size, tets, engine, options)
+        return _by_distance(boundary, midstructure, tets, engine, options)
     return _finish(mesh, complex_.triangles + count, complex_, tets, True)
 
 
-def _surface_size(surface: PatchSurface, to_middle: cKDTree, tets: int) -> Size:
-    """Edge lengths in proportion to the distance to the midstructure, for so many tetrahedra."""
-    coarse = surface.triangulation(2)
-    x = coarse.vertices[coarse.triangles]
-    area = 0.5 * np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
-    distance, _ = to_middle.query(x.mean(axis=1))
-    # a regular tetrahedron of edge h has the volume h³ / 8.5
-    largest = 1.3 * (8.5 * surface.volume() / tets) ** (1.0 / 3.0)
-    share = 0.4
-    for _ in range(40):
-        if (area / np.minimum(share * distance, largest) ** 2).sum() < 0.1 * tets:
-            break
-        share *= 1.1
-    smallest = 0.5 * share * float(distance.min())
+@dataclass(frozen=True)
+class _Size:
+    """Edge lengths in proportion to the distance between surface and midstructure.
 
-    def size(points: np.ndarray) -> np.ndarray:
-        return np.clip(share * to_middle.query(points)[0], smallest, largest)
+    Attributes
+    ----------
+    middle : cKDTree
+        Vertices of the midstructure.
+    share : float
+        Edge length in units of that distance.
+    smallest, largest : float
+        mm.
+    """
 
-    return size
+    middle: cKDTree
+    share: float
+    smallest: float
+    largest: float
+
+    @classmethod
+    def fitted(cls, surface: PatchSurface, midstructure: Midstructure, tets: int) -> _Size:
+        """Sizes that give about so many tetrahedra."""
+        used = np.unique(midstructure.facets[midstructure.kept])
+        middle = cKDTree(midstructure.vertices[used])
+        coarse = surface.triangulation(2)
+        x = coarse.vertices[coarse.triangles]
+        area = 0.5 * np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
+        distance, _ = middle.query(x.mean(axis=1))
+        # a regular tetrahedron of edge h has the volume h³ / 8.5
+        largest = 1.3 * (8.5 * surface.volume() / tets) ** (1.0 / 3.0)
+        share = 0.4
+        for _ in range(40):
+            if (area / np.minimum(share * distance, largest) ** 2).sum() < 0.1 * tets:
+                break
+            share *= 1.1
+        return cls(middle, share, 0.5 * share * float(distance.min()), largest)
+
+    def on_surface(self, points: np.ndarray) -> np.ndarray:
+        """Wanted edge lengths, mm, at (k, 3) points of the surface."""
+        distance = self.middle.query(points)[0]
+        return np.clip(self.share * distance, self.smallest, self.largest)
+
+    def on_midstructure(self, radius: np.ndarray) -> np.ndarray:
+        """Wanted edge lengths, mm, where the surface is ``radius`` away."""
+        return np.clip(0.7 * self.share * radius, self.smallest, self.largest)
 
 
-def _clean_boundary(surface: PatchSurface, size: Size, budget: int) -> AdaptiveTriangles | None:
+def _clean_boundary(surface: PatchSurface, size: _Size, budget: int) -> AdaptiveTriangles | None:
     """Triangles of the surface that do not cut themselves, or None."""
     for finer in (1.0, 0.5, 0.25):
         mesh = adaptive_triangulation(
             surface,
-            lambda points, finer=finer: finer * size(points),
+            lambda points, finer=finer: finer * size.on_surface(points),
             max_triangles=int(budget / finer**2),
         )
         pairs = self_intersections(mesh.vertices, mesh.triangles)
@@ -134,27 +159,26 @@ def _clean_boundary(surface: PatchSurface, size: Size, budget: int) -> AdaptiveT
 def _by_distance(
     boundary: AdaptiveTriangles,
     midstructure: Midstructure,
-    size: Size,
     tets: int,
     engine: str,
     options: dict,
 ) -> Domain:
     """The domain without facets: w = 1 within a share of the radius around the kept facets."""
-    from .midstructure.simplify import spread
-
     used = np.unique(midstructure.facets[midstructure.kept])
     points, radius = midstructure.vertices[used], midstructure.radius[used]
     pick = spread(points, BALL * radius)
     rest = Complex(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), points[pick], radius[pick])
-    try:
-        mesh = fill(boundary.vertices, boundary.triangles, engine=engine, optimise=False, **options)
-    except MesherError as error:
-        if engine == "pytetwild":
-            raise
-        log.info("pytetwild takes over: %s", error)
-        mesh = fill(
-            boundary.vertices, boundary.triangles, engine="pytetwild", optimise=False, **options
-        )
+    given = boundary.vertices, boundary.triangles
+    mesh = None
+    if engine != "pytetwild":
+        try:
+            mesh = fill(*given, engine=engine, optimise=False, **options)
+        except MesherError as error:
+            log.info("pytetwild takes over: %s", error)
+    if mesh is None:
+        # an envelope mesher is some ten times as slow
+        slow = {**options, "time_limit": 4.0 * options["time_limit"]}
+        mesh = fill(*given, engine="pytetwild", optimise=False, **slow)
     return _finish(mesh, rest.triangles, rest, tets, False)
 
 
@@ -168,7 +192,7 @@ def _finish(
 
         def size(points: np.ndarray) -> np.ndarray:
             distance, nearest = tree.query(points)
-            return np.maximum(0.9 * radius[nearest], 0.6 * (distance - radius[nearest]))
+            return np.maximum(1.2 * radius[nearest], 0.8 * (distance - radius[nearest]))
 
         mesh, facets = refine(mesh, size, facets, max_tets=3 * tets)
     mesh, facets = separate_boundary(mesh, facets)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""Points of the surface that know their patch and normal, closer together where the body is thin."""
+"""Points of the surface that know their patch and normal, denser where the body is thin."""
 
 from __future__ import annotations
 

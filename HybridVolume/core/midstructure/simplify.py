@@ -8,9 +8,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from ..intersection import self_intersections
+from ..intersection import points_inside, self_intersections
 from ..tetmesh.mesh import row_keys
 from .sheets import Midstructure
 
@@ -67,7 +69,7 @@ def simplify(
     ----------
     midstructure : Midstructure
     size : callable
-        Wanted edge length, mm, at (k, 3) points.
+        Wanted edge length, mm, where the surface is (k,) mm away.
     boundary : (vertices, triangles)
         The closed triangles that will surround it.
     """
@@ -75,7 +77,7 @@ def simplify(
     used, local = np.unique(facets, return_inverse=True)
     local = local.reshape(-1, 3)
     points, radius = midstructure.vertices[used], midstructure.radius[used]
-    wanted = size(points)
+    wanted = size(radius)
     chosen = spread(points, wanted)
     vertices = points[chosen]
     label = cKDTree(vertices).query(points)[1]
@@ -84,7 +86,7 @@ def simplify(
     triangles = np.unique(triangles[real], axis=0)
     triangles = triangles[_shape(vertices, triangles) > 0.05]
     triangles = _without_folds(vertices, triangles)
-    triangles = _embeddable(vertices, triangles, boundary)
+    triangles = _inside(vertices, _embeddable(vertices, triangles, boundary), boundary)
     kept, triangles = np.unique(triangles, return_inverse=True)
     triangles = triangles.reshape(-1, 3)
     rest = np.arange(len(points))
@@ -159,3 +161,18 @@ def _embeddable(
         drop |= _fewest(inner, len(triangles))
         triangles = triangles[~drop]
     return triangles
+
+
+def _inside(
+    vertices: np.ndarray, triangles: np.ndarray, boundary: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """Triangles within the boundary, which they do not cross: one point of each part decides."""
+    if not len(triangles):
+        return triangles
+    n = len(vertices)
+    a, b = triangles[:, [0, 1, 1, 2]].reshape(-1, 2).T
+    graph = coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n))
+    label = connected_components(graph, directed=False)[1][triangles[:, 0]]
+    _, first, part = np.unique(label, return_index=True, return_inverse=True)
+    inside = points_inside(*boundary, vertices[triangles[first]].mean(axis=1))
+    return triangles[inside[part.ravel()]]

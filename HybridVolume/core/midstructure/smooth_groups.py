@@ -24,7 +24,8 @@ class SmoothGroups:
     of_patch : (np,) int array
         Group of each patch.
     edge_pair : (e, 2) int array
-        Groups on both sides of each sharp side, the lower number first.
+        Groups on both sides of each sharp side, the lower number first; twice the same for a
+        sharp line inside a patch.
     edge_points : (e, k, 3) array
         Points along it, mm.
     edge_convex : (e, k) bool array
@@ -82,4 +83,38 @@ def smooth_groups(surface: PatchSurface, angle: float = 15.0) -> SmoothGroups:
     _, group = connected_components(graph, directed=False)
     sharp = ~smooth
     pair = np.sort(np.column_stack([group[patch[sharp]], group[other[sharp]]]), axis=1)
-    return SmoothGroups(group, pair, points[patch[sharp], side[sharp]], convex[sharp])
+    crease_patch, crease_points, crease_convex = _creases(surface, t, angle)
+    return SmoothGroups(
+        group,
+        np.vstack([pair, np.repeat(group[crease_patch][:, None], 2, axis=1)]),
+        np.concatenate([points[patch[sharp], side[sharp]], crease_points]),
+        np.concatenate([convex[sharp], crease_convex]),
+    )
+
+
+def _creases(
+    surface: PatchSurface, t: np.ndarray, angle: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sharp lines inside patches, where a knot is as often as the degree: patch, points, convex."""
+    patches, lines, convex = [], [], []
+    for k, patch in enumerate(surface.patches):
+        for direction in (0, 1):
+            values, count = np.unique(patch.knots[direction], return_counts=True)
+            for value in values[1:-1][count[1:-1] >= patch.degrees[direction]]:
+                jump = []
+                for at in (value - 1e-9, value + 1e-9):
+                    uv = (np.full(len(t), at), t) if direction == 0 else (t, np.full(len(t), at))
+                    x, x_u, x_v = surface.evaluate(k, *uv, derivative=1)
+                    normal = np.cross(x_u, x_v)
+                    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+                    jump.append((normal, (x_u, x_v)[direction], x))
+                cosine = np.einsum("ki,ki->k", jump[0][0], jump[1][0])
+                if np.median(cosine) < np.cos(np.radians(angle)):
+                    patches.append(k)
+                    lines.append(jump[1][2])
+                    convex.append(np.einsum("ki,ki->k", jump[0][0], jump[1][1]) < 0.0)
+    return (
+        np.array(patches, dtype=np.int64),
+        np.array(lines).reshape(-1, len(t), 3),
+        np.array(convex, dtype=bool).reshape(-1, len(t)),
+    )

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""Adapter of gmsh (GPL, optional): HXT, then Delaunay, on a discrete surface that stays as it is."""
+"""Adapter of gmsh (GPL, optional): HXT, then Delaunay, on a discrete surface that is kept."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 # SPDX-FileCopyrightText: The HybridVolume authors
 """The process in which a mesher runs: ``python -m HybridVolume.core.tetmesh.run FOLDER ENGINE``.
 
-Reads ``input.npz`` of the folder, writes ``output.npz`` or, where the mesher complains, ``error.txt``.
+Reads ``input.npz`` of the folder and writes ``output.npz``, or ``error.txt`` with a complaint.
 """
 
 from __future__ import annotations
