@@ -181,6 +181,9 @@ def complete_a_box(answer):
     answer["visible"] = {obj.Name: obj.ViewObject.Visibility for obj in doc.Objects}
     answer["volumes"] = doc.FemMesh.FemMesh.VolumeCount
     answer["red"] = red_share("view")
+    doc.Shell.ViewObject.ColourBy = "Quality"
+    wait()
+    answer["red by quality"] = red_share("quality")
     answer["children"] = [child.Name for child in doc.HybridVolume.ViewObject.claimChildren()]
     answer["pending"] = doc.HasPendingTransaction
     answer["job folders"] = job_folders()
@@ -203,8 +206,11 @@ def complete_a_box(answer):
         "objects": objects(doc),
         "visible": {obj.Name: obj.ViewObject.Visibility for obj in doc.Objects},
         "volumes": doc.FemMesh.FemMesh.VolumeCount,
-        "red": red_share("reopened"),
+        "red by quality": red_share("reopened"),
     }
+    doc.Shell.ViewObject.ColourBy = "Part"
+    wait()
+    answer["reopened"]["red"] = red_share("reopened")
     doc.Box.Height = 12
     doc.recompute()
     answer["after a change"] = volume.Status

@@ -27,6 +27,7 @@ import Part
 from made_by_hand import SIZE, completed, face_names
 
 import HybridVolume
+from HybridVolume.core.element_jacobians import scaled_jacobian
 from HybridVolume.objects import document, fem_mesh
 from HybridVolume.objects.fingerprint import fingerprint
 from HybridVolume.objects.volume import CHILDREN
@@ -161,6 +162,16 @@ def test_a_fingerprint_survives_a_file_and_sees_a_moved_pole(doc, tmp_path):
 def test_volume_by_freecad(volume):
     # FreeCAD's own integral, which is meaningful for ten-node tets only
     assert volume.Core.FemMesh.Volume.getValueAs("mm^3").Value == pytest.approx(6 * 0.6**3)
+
+
+def test_quality_survives_freecad(volume):
+    stored = volume.FemMesh.FemMesh
+    (shell,) = [g for g in stored.Groups if stored.getGroupName(g) == "Shell"]
+    quality = fem_mesh.element_quality(stored)
+    fem = box_mesh(SIZE, [f"Face{i}" for i in range(1, 7)])
+    expected = scaled_jacobian("penta15", fem.nodes[fem.wedges])
+    found = [quality[element] for element in stored.getGroupElements(shell)]
+    assert np.allclose(found, expected, atol=1e-12) and len(quality) == 24
 
 
 def test_nodes_beside_a_face_are_noticed(box):

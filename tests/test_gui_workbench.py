@@ -104,6 +104,9 @@ def test_complete_a_box(tmp_path, python):
     again = found["reopened"]
     assert again["status"] == "Up to date" and again["objects"] == ALL
     assert again["visible"] == LOOKS and again["red"] > 0.1
+    assert again["red by quality"] == pytest.approx(found["red by quality"], abs=0.01)
+    # most wedges of so coarse a box are flat, and red as well
+    assert found["red by quality"] < found["red"] - 0.01
     assert again["volumes"] == found["volumes"] > 12
     assert found["after a change"] == "Out of date: the body changed"
     assert found["again"] == {

@@ -11,6 +11,7 @@ from typing import Any
 
 import FreeCADGui
 import numpy as np
+from PySide import QtCore
 
 from .preferences import RESOURCES
 
@@ -95,13 +96,60 @@ class MeshView(ViewProvider):
     ICON = "HybridVolume_FemMesh"
 
 
-class ShellView(MeshView):
+class PartView(MeshView):
+    """A mesh to look at, in one colour or coloured by the quality of its elements."""
+
+    def __init__(self, view: Any) -> None:
+        super().__init__(view)
+        view.addProperty(
+            "App::PropertyEnumeration",
+            "ColourBy",
+            "HybridVolume",
+            "One colour for the part, or the smallest scaled Jacobian of each element: "
+            "red at 0, yellow at 0.5, green at 1.",
+        )
+        view.ColourBy = ["Part", "Quality"]
+
+    def updateData(self, obj: Any, name: str) -> None:
+        """Colour a new mesh as the old one was."""
+        if name == "FemMesh" and getattr(obj.ViewObject, "ColourBy", "") == "Quality":
+            self.onChanged(obj.ViewObject, "ColourBy")
+
+    def onChanged(self, view: Any, name: str) -> None:
+        """Take another colouring."""
+        if name == "ColourBy":
+            # Later: while a document is opened, the mesh that is to be coloured comes last.
+            QtCore.QTimer.singleShot(0, lambda: self._colour(view))
+
+    @staticmethod
+    def _colour(view: Any) -> None:
+        from HybridVolume.objects.fem_mesh import element_quality
+
+        try:
+            mesh = view.Object.FemMesh
+        except ReferenceError:  # deleted meanwhile
+            return
+        if view.ColourBy == "Quality":
+            quality = element_quality(mesh)
+            view.ElementColor = {element: traffic_light(q) for element, q in quality.items()}
+        else:
+            view.ElementColor = {}
+            view.ShapeColor = view.ShapeColor
+
+
+def traffic_light(quality: float) -> tuple[float, float, float]:
+    """Red at 0, yellow at 0.5, green at 1."""
+    q = min(max(quality, 0.0), 1.0)
+    return (min(1.0, 2.0 - 2.0 * q), min(1.0, 2.0 * q), 0.1)
+
+
+class ShellView(PartView):
     """The shell's mesh."""
 
     ICON = "HybridVolume_Shell"
 
 
-class CoreView(MeshView):
+class CoreView(PartView):
     """The core's mesh."""
 
     ICON = "HybridVolume_Core"

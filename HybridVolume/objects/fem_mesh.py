@@ -16,7 +16,8 @@ import Fem
 import numpy as np
 import Part
 
-from HybridVolume.core.elements import to_order
+from HybridVolume.core.element_jacobians import scaled_jacobian
+from HybridVolume.core.elements import from_order, to_order
 from HybridVolume.errors import FaultError
 
 from .properties import DocumentObject, Property
@@ -123,6 +124,23 @@ def _check_counts(mesh: Any, arrays: MeshArrays, groups: list) -> None:
                 f"group {name} of FreeCAD's mesh has {members.get(name, 0)} members, "
                 f"not {len(wanted)}"
             )
+
+
+def element_quality(mesh: Any) -> dict[int, float]:
+    """Smallest scaled Jacobian of each volume element of a FreeCAD mesh, by element number."""
+    place = {node: row for row, node in enumerate(mesh.Nodes)}
+    points = np.array([tuple(point) for point in mesh.Nodes.values()])
+    kinds = {4: "tet4", 6: "penta6", 10: "tet10", 15: "penta15"}
+    rows: dict[str, dict[int, list[int]]] = {}
+    for element in mesh.Volumes:
+        nodes = mesh.getElementNodes(element)
+        rows.setdefault(kinds[len(nodes)], {})[element] = [place[node] for node in nodes]
+    quality: dict[int, float] = {}
+    for kind, table in rows.items():
+        connectivity = from_order("freecad", kind, np.array(list(table.values())))
+        values = scaled_jacobian(kind, points[connectivity])
+        quality.update(zip(table, values.tolist(), strict=True))
+    return quality
 
 
 def uncovered_faces(
