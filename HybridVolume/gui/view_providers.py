@@ -9,15 +9,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import FreeCAD
 import FreeCADGui
 import numpy as np
 from PySide import QtCore
 
 from .preferences import RESOURCES
 
-SHELL_COLOUR = (0.93, 0.27, 0.24)
-CORE_COLOUR = (0.86, 0.87, 0.84)
-FEM_COLOUR = (0.90, 0.91, 0.88)
 KEPT_SHEET_COLOUR = (0.20, 0.40, 0.64)
 
 
@@ -94,6 +92,11 @@ class MeshView(ViewProvider):
     """The mesh for an analysis."""
 
     ICON = "HybridVolume_FemMesh"
+    COLOUR = (0.90, 0.91, 0.88)
+
+    def __init__(self, view: Any) -> None:
+        super().__init__(view)
+        _paint(view, self.COLOUR)
 
 
 class PartView(MeshView):
@@ -134,7 +137,7 @@ class PartView(MeshView):
             view.ElementColor = {element: traffic_light(q) for element, q in quality.items()}
         else:
             view.ElementColor = {}
-            view.ShapeColor = view.ShapeColor
+            _paint(view, self.COLOUR)
 
 
 def traffic_light(quality: float) -> tuple[float, float, float]:
@@ -147,12 +150,14 @@ class ShellView(PartView):
     """The shell's mesh."""
 
     ICON = "HybridVolume_Shell"
+    COLOUR = (0.93, 0.27, 0.24)
 
 
 class CoreView(PartView):
     """The core's mesh."""
 
     ICON = "HybridVolume_Core"
+    COLOUR = (0.86, 0.87, 0.84)
 
 
 class MidstructureView(ViewProvider):
@@ -217,18 +222,20 @@ def attach(obj: Any) -> None:
         MidstructureView(view)
     elif kind == "HybridVolume::AnalysisMesh":
         MeshView(view)
-        _paint(view, FEM_COLOUR)
     elif obj.Part == "Shell":
         ShellView(view)
-        _paint(view, SHELL_COLOUR)
     else:
         CoreView(view)
-        _paint(view, CORE_COLOUR)
     view.Visibility = kind in ("HybridVolume::Volume", "HybridVolume::PartMesh")
 
 
 def _paint(view: Any, colour: tuple[float, float, float]) -> None:
-    view.ShapeColor = colour
+    if "ShapeColor" in view.PropertiesList:
+        view.ShapeColor = colour
+    else:  # FreeCAD 1.0 and later
+        look = FreeCAD.Material()
+        look.DiffuseColor = colour
+        view.ShapeAppearance = (look,)
     view.PointSize = 1.0
     view.LineWidth = 1.0
     view.DisplayMode = "Faces & Wireframe"
