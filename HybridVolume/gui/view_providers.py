@@ -124,8 +124,7 @@ class PartView(MeshView):
             # Later: while a document is opened, the mesh that is to be coloured comes last.
             QtCore.QTimer.singleShot(0, lambda: self._colour(view))
 
-    @staticmethod
-    def _colour(view: Any) -> None:
+    def _colour(self, view: Any) -> None:
         from HybridVolume.objects.fem_mesh import element_quality
 
         try:
