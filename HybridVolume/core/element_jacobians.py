@@ -344,10 +344,10 @@ def _mean_length(vectors: np.ndarray) -> np.ndarray:
 
 
 @cache
-def _samples(kind: str) -> np.ndarray:
-    if kind in ("tet4", "tet10"):
-        return _lattice(_Form(3, 1 if kind == "tet4" else 4, 0))
-    return _lattice(_Form(2, 1 if kind == "penta6" else 4, 1 if kind == "penta6" else 4))
+def bernstein_lattice(kind: str, density: int) -> np.ndarray:
+    """Reference points of an even lattice, ``density + 1`` along an edge, (m, 3)."""
+    wedge = kind.startswith("penta")
+    return _lattice(_Form(2, density, density) if wedge else _Form(3, density, 0))
 
 
 def scaled_jacobian(
@@ -365,7 +365,8 @@ def scaled_jacobian(
     points : (m, 3) array, optional
         Reference points; by default a lattice with 5 points along an edge.
     """
-    points = _samples(kind) if points is None else points
+    if points is None:
+        points = bernstein_lattice(kind, 1 if kind in ("tet4", "penta6") else 4)
     wedge = kind.startswith("penta")
     coordinates = np.asarray(coordinates, dtype=float)
     result = np.empty(len(coordinates))

@@ -18,6 +18,7 @@ import numpy as np
 
 from ..errors import FaultError, MesherError
 from .columns import evaluate_columns, layer_parameters
+from .curving import untangle
 from .element_jacobians import prove_positive, relative_bound, scaled_jacobian, volumes
 from .elements import EDGES, FACES, quadrature, shape_functions, shape_gradients
 from .interior import Interface, Interior, build_interface, fill_interior
@@ -275,6 +276,7 @@ class _Builder:
         core = np.append(self.layers * self.n + np.arange(self.n),
                          starts[-2] + np.arange(len(blocks[-1])))  # fmt: skip
         self.nodes = np.concatenate(blocks)
+        self.core_start = starts[-2]
         self.tets = core[interior.mesh.tets]
         if order == 2:
             self._add_tet_mids(interior.mesh.tets)
@@ -323,7 +325,7 @@ class _Builder:
         self.tets = np.concatenate([self.tets, mids], axis=1)
 
     def _inner_vertices(self) -> np.ndarray:
-        return self.nodes[self.edge + (self.layers + 1) * self.e :]
+        return self.nodes[self.core_start :]
 
     def _movable(self) -> tuple[np.ndarray, np.ndarray]:
         """Mid nodes inside the body that are not straight by construction, and their ends."""
@@ -336,75 +338,59 @@ class _Builder:
         return np.concatenate(nodes), np.concatenate(ends)
 
     def prove(self) -> tuple[int, np.ndarray, np.ndarray]:
-        """Prove all elements; where that fails, straighten inner edges step by step.
+        """Prove all elements; where that fails, straighten inner edges step by step, then untangle.
 
-        Tets that curving made much worse are straightened as well, unless wedges do not bear it.
+        Tets that curving made much worse are straightened as well.
 
         Returns
         -------
         repairs : int
         wedge_bound, tet_bound : arrays
         """
-        kinds = ("penta15", "tet10") if self.order == 2 else ("penta6", "tet4")
-        elements = (self.wedges, self.tets)
-        proofs = [prove_positive(k, self.nodes[c]) for k, c in zip(kinds, elements, strict=True)]
-        proved = [p.proved for p in proofs]
-        bounds = [p.lower_bound for p in proofs]
-        share = np.ones(len(self.nodes))
+        curved = self.nodes
         if self.order == 2:
-            curved = self.nodes
             movable, ends = self._movable()
             straight = curved.copy()
             straight[movable] = curved[ends].mean(axis=1)
-            wanted = _KEPT_QUALITY * scaled_jacobian("tet10", straight[self.tets])
-            for least in (wanted, np.full(len(self.tets), -np.inf)):
-                self.nodes = curved.copy()
-                share, found, bound = self._straighten(
-                    curved, straight, movable, [p.copy() for p in proved], bounds, least
-                )
-                if all(p.all() for p in found):
-                    break
-            proved, bounds = found, bound
-        if not all(p.all() for p in proved):
-            self._refuse(proved)
+            least = _KEPT_QUALITY * scaled_jacobian("tet10", straight[self.tets])
+            self.nodes = curved.copy()
+            self._straighten(curved, straight, movable, least)
+            self._untangle(movable)
+        proofs = [prove_positive(kind, self.nodes[c]) for kind, c in self._elements]
+        if not all(p.proved.all() for p in proofs):
+            self._refuse([p.proved for p in proofs])
         wedge_bound, tet_bound = (
-            relative_bound(k, self.nodes[c], b)
-            for k, c, b in zip(kinds, elements, bounds, strict=True)
+            relative_bound(kind, self.nodes[c], p.lower_bound)
+            for (kind, c), p in zip(self._elements, proofs, strict=True)
         )
-        return int(np.count_nonzero(share < 1.0)), wedge_bound, tet_bound
+        return int(np.count_nonzero((self.nodes != curved).any(axis=1))), wedge_bound, tet_bound
+
+    @property
+    def _elements(self) -> list[tuple[str, np.ndarray]]:
+        kinds = ("penta15", "tet10") if self.order == 2 else ("penta6", "tet4")
+        return [(kinds[0], self.wedges), (kinds[1], self.tets)]
 
     def _straighten(
-        self,
-        curved: np.ndarray,
-        straight: np.ndarray,
-        movable: np.ndarray,
-        proved: list[np.ndarray],
-        bounds: list[np.ndarray],
-        least: np.ndarray,
-    ) -> tuple[np.ndarray, list[np.ndarray], list[np.ndarray]]:
+        self, curved: np.ndarray, straight: np.ndarray, movable: np.ndarray, least: np.ndarray
+    ) -> None:
         """Move mid nodes of bad elements half-way to straight, again and again.
 
-        Parameters
-        ----------
-        least : (k,) array
-            Scaled Jacobian that each tet should keep.
-
-        Returns
-        -------
-        share : (n,) array
-            How much of its curved place each node kept.
-        proved, bounds : lists of two arrays
+        Bad are elements that are not proved, and tets whose scaled Jacobian is below ``least``.
         """
-        kinds, elements = ("penta15", "tet10"), (self.wedges, self.tets)
-        bounds = [b.copy() for b in bounds]
-        good = [proved[0].copy(), scaled_jacobian("tet10", self.nodes[self.tets]) >= least]
-        good[1] &= proved[1]
+        good = [np.zeros(len(c), dtype=bool) for _, c in self._elements]
         share = np.ones(len(self.nodes))
+        moved = np.ones(len(self.nodes), dtype=bool)
         may_move = np.zeros(len(self.nodes), dtype=bool)
         may_move[movable] = True
         for round_ in range(_ROUNDS):
-            bad = np.concatenate([c[~g].ravel() for c, g in zip(elements, good, strict=True)])
-            bad = np.unique(bad)
+            for flags, (kind, c) in zip(good, self._elements, strict=True):
+                again = np.flatnonzero(moved[c].any(axis=1))
+                flags[again] = prove_positive(kind, self.nodes[c[again]]).proved
+                if kind == "tet10":
+                    quality = scaled_jacobian(kind, self.nodes[c[again]])
+                    flags[again] &= quality >= least[again]
+            bad = [c[~flags].ravel() for flags, (_, c) in zip(good, self._elements, strict=True)]
+            bad = np.unique(np.concatenate(bad))
             bad = bad[may_move[bad] & (share[bad] > 0.0)]
             if not len(bad):
                 break
@@ -413,15 +399,25 @@ class _Builder:
             moved[bad] = True
             mix = share[bad, None]
             self.nodes[bad] = mix * curved[bad] + (1.0 - mix) * straight[bad]
-            for i, (kind, c) in enumerate(zip(kinds, elements, strict=True)):
-                again = np.flatnonzero(moved[c].any(axis=1))
-                proof = prove_positive(kind, self.nodes[c[again]])
-                proved[i][again] = good[i][again] = proof.proved
-                bounds[i][again] = proof.lower_bound
-                if kind == "tet10":
-                    quality = scaled_jacobian(kind, self.nodes[c[again]])
-                    good[i][again] &= quality >= least[again]
-        return share, proved, bounds
+
+    def _untangle(self, movable: np.ndarray) -> None:
+        """Move nodes inside near elements that are not proved, in growing neighbourhoods."""
+        may_move = np.zeros(len(self.nodes), dtype=bool)
+        may_move[movable] = True
+        may_move[self.core_start :] = True
+        proved = [prove_positive(kind, self.nodes[c]).proved for kind, c in self._elements]
+        near = np.zeros(len(self.nodes), dtype=bool)
+        for flags, (_, c) in zip(proved, self._elements, strict=True):
+            near[c[~flags]] = True
+        start = self.nodes
+        for density in (3, 4) if near.any() else ():
+            free = near & may_move
+            around = [(kind, c[free[c].any(axis=1)]) for kind, c in self._elements]
+            self.nodes = untangle(start, around, free, density)
+            if all(prove_positive(kind, self.nodes[c]).proved.all() for kind, c in around):
+                break
+            for _, c in around:
+                near[c] = True
 
     def _refuse(self, proved: list[np.ndarray]) -> None:
         bad_wedges, bad_tets = (np.flatnonzero(~p) for p in proved)
