@@ -2,6 +2,7 @@
 # SPDX-FileCopyrightText: The HybridVolume authors
 """Document objects in FreeCAD without a window, on a mesh made by hand."""
 
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -218,6 +219,7 @@ def test_to_fem_puts_a_mesh_into_a_document(doc, box):
     assert groups(mesh.FemMesh) == EXPECTED_GROUPS | {"Interface": 8}
 
 
+@pytest.mark.skipif(not shutil.which("ccx"), reason="needs ccx")
 def test_calculix_pulls_the_box(doc, box, volume, tmp_path):
     """A bar under tension between two opposite faces: stress and elongation are known."""
     import ObjectsFem

@@ -131,10 +131,13 @@ class PartView(MeshView):
             mesh = view.Object.FemMesh
         except ReferenceError:  # deleted meanwhile
             return
-        if view.ColourBy == "Quality":
+        by_quality = view.ColourBy == "Quality"
+        if by_quality:
             quality = element_quality(mesh)
             view.ElementColor = {element: traffic_light(q) for element, q in quality.items()}
-        else:
+        if "ColorMode" in view.PropertiesList:  # FreeCAD 1.0 and later
+            view.ColorMode = "ByElement" if by_quality else "Overall"
+        elif not by_quality:
             view.ElementColor = {}
             _paint(view, self.COLOUR)
 
