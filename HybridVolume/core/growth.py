@@ -3,7 +3,10 @@
 """From a surface and a field to a certified shell: start, optimise, prove, or start thin and grow.
 
 A state of the columns counts only when two conditions hold together: every Bézier element is proved
-valid (local), and the inner surface neither cuts itself nor touches the outer one (global).
+valid (local), and the inner surface does not cut itself (global). Then the shell is one-to-one: the
+number of its points at a place is the winding number of the outer boundary less that of the inner
+one, which is never negative where det J > 0, so the inner surface lies inside the outer one and
+every place between them is taken once.
 """
 
 from __future__ import annotations
@@ -20,7 +23,7 @@ from .. import errors
 from . import bspline
 from .front import ColumnFrame, column_frame, solve_front
 from .harmonic import HarmonicField
-from .intersection import self_intersections, surfaces_intersect
+from .intersection import self_intersections
 from .levels import equal_volume_layers, uniform_layers
 from .shell import Shell
 from .surface import PatchSurface
@@ -29,14 +32,18 @@ from .validity import Certificate, certify
 
 logger = logging.getLogger(__name__)
 
-FIDELITY = 3.0
-"""Weight of the isosurface term."""
-CLOSE = 10.0
-"""Weight that follows when the level reached is more than a twentieth off."""
+FIDELITIES = (3.0, 10.0, 30.0, 100.0)
+"""Weights of the isosurface term, one after the other until the level is reached."""
+CLOSE = 0.05
+"""Root mean square distance from the level, as a share of it, that is near enough."""
+RELAX = 1.7
+"""Factor by which a level that a repair lowered may rise again in the next step."""
 THIN_STARTS = (0.5, 0.35, 0.25, 0.15, 0.1, 0.05, 0.025, 0.01)
 """Thicknesses of the thin start, as shares of the shortest net edge nearby."""
 REPAIRS = 9
 """Most local repairs in a row."""
+PATIENCE = 3
+"""Repairs in a row without fewer bad elements after which to give up."""
 GRIDS = (1, 2)
 """Cells a knot span in the triangulations that are tested for crossings.
 
@@ -61,6 +68,10 @@ class _State:
     @property
     def accepted(self) -> bool:
         return self.certificate.all_valid and not len(self.crossing)
+
+    def off(self, level: float) -> float:
+        """Root mean square distance from a level, as a share of it."""
+        return float(np.hypot(self.mean - level, self.rms)) / level
 
     @property
     def bad(self) -> np.ndarray:
@@ -117,7 +128,7 @@ class _Grower:
         return _State(d, target, certificate, crossing, mean, rms)
 
     def crossing_elements(self, shell: Shell) -> np.ndarray:
-        """Elements over which the inner surface cuts itself or the outer one."""
+        """Elements over which the inner surface cuts itself."""
         inner = shell.inner_surface()
         return np.unique(np.concatenate([grid.crossing(inner) for grid in self.grids]))
 
@@ -154,12 +165,18 @@ class _Grower:
             fidelity=fidelity,
         )
 
-    def settle(self, d: np.ndarray, target: np.ndarray, fidelity: float) -> _State:
+    def settle(
+        self, d: np.ndarray, target: np.ndarray, fidelity: float, repairs: int = REPAIRS
+    ) -> _State:
         """Repair what is not proved or crosses: locally, ever wider, and thinner where need be."""
         state = self.check(d, target)
-        for number in range(REPAIRS):
+        fewest, since = len(state.bad), 0
+        for number in range(repairs):
             bad = state.bad
-            if not len(bad) or len(bad) > 0.3 * self.surface.element_count:
+            since = 0 if len(bad) < fewest else since + 1
+            fewest = min(fewest, len(bad))
+            hopeless = len(bad) > 0.3 * self.surface.element_count or since > PATIENCE
+            if not len(bad) or hopeless:
                 break
             d, target = state.d, state.target
             near = self.nearness(bad, 2 + number)
@@ -190,12 +207,14 @@ class _Grower:
         share = near[:, None]
         return (1.0 - share) * d + share * straight, target * (1.0 - 0.4 * near)
 
-    def advance(self, state: _State, level: float, fidelity: float) -> _State:
+    def advance(
+        self, state: _State, level: float, fidelity: float, repairs: int = REPAIRS
+    ) -> _State:
         """Optimise all columns towards a level, then repair."""
-        target = level * np.minimum(1.0, state.target / state.target.max())
+        target = np.minimum(level, RELAX * state.target)
         reference = self.reference(state.d)
         energy = self.energy(state.d, target, reference, fidelity)
-        return self.settle(optimise(energy, self.reach), target, fidelity)
+        return self.settle(optimise(energy, self.reach), target, fidelity, repairs)
 
     def from_front(self, level: float) -> _State | None:
         """The whole way at once: solved front, repair where it is not valid, then optimisation."""
@@ -204,19 +223,21 @@ class _Grower:
         target = np.full(len(front), level)
         first = self.check(front, target)
         if len(first.bad) > 0.1 * self.surface.element_count:
-            first = self.advance(first, level, 0.1 * FIDELITY)
+            first = self.advance(first, level, 0.1 * FIDELITIES[0])
         else:
-            first = self.settle(front, target, 0.1 * FIDELITY)
-        self.report(0.5, f"repaired, w = {first.mean:.3g}")
+            first = self.settle(front, target, 0.1 * FIDELITIES[0])
+        self.report(0.4, f"repaired, w = {first.mean:.3g}")
         best = first if first.accepted else None
-        for number, fidelity in enumerate((FIDELITY, CLOSE)):
-            if best is not None and fidelity == CLOSE and best.mean > 0.95 * level:
-                break
-            state = self.advance(best or first, level, fidelity)
-            self.report(0.6 + 0.1 * number, f"elements optimised, w = {state.mean:.3g}")
-            if state.accepted:
+        for number, fidelity in enumerate(FIDELITIES):
+            # what only improves an accepted state is not worth many repairs
+            repairs = REPAIRS if best is None or number == 0 else 2
+            state = self.advance(best or first, level, fidelity, repairs)
+            self.report(0.5 + 0.1 * number, f"elements optimised, w = {state.mean:.3g}")
+            # the first optimised state counts for its quality, whatever its level
+            gained = number == 0 or best is None or state.off(level) < 0.95 * best.off(level)
+            if state.accepted and gained:
                 best = state
-            elif best is not None:
+            if best is not None and (not gained or best.off(level) < CLOSE):
                 break
         return best
 
@@ -245,7 +266,7 @@ class _Grower:
         ratio, goal = 2.0, 0.0
         while best.mean < 0.97 * level and ratio > 1.1:
             goal = min(level, max(best.mean, 0.005) * ratio)
-            state = self.advance(best, goal, FIDELITY)
+            state = self.advance(best, goal, FIDELITIES[0])
             if state.accepted and state.mean > best.mean * 1.02:
                 best = state
                 share = np.log(best.mean / 0.005) / np.log(level / 0.005)
@@ -278,7 +299,7 @@ class _TestGrid:
 
     def __init__(self, surface: PatchSurface, cells: int) -> None:
         self.lines = surface.grid_parameters(cells)
-        self.outer = surface.triangulation_at(*self.lines)
+        outer = surface.triangulation_at(*self.lines)
         found, start = [], 0
         for patch in surface.patches:
             spans = [len(bspline.breakpoints(knots)) - 1 for knots in patch.knots]
@@ -286,16 +307,12 @@ class _TestGrid:
             found.append(start + (i // cells * spans[1] + j // cells).ravel())
             start += spans[0] * spans[1]
         self.element = np.repeat(np.concatenate(found), 2)
-        self.outer_embedded = not len(self_intersections(self.outer.vertices, self.outer.triangles))
+        self.outer_embedded = not len(self_intersections(outer.vertices, outer.triangles))
 
     def crossing(self, inner: PatchSurface) -> np.ndarray:
-        """Elements whose inner triangles cut each other or the outer surface."""
+        """Elements whose inner triangles cut each other."""
         mesh = inner.triangulation_at(*self.lines)
-        own = self_intersections(mesh.vertices, mesh.triangles)
-        other = surfaces_intersect(
-            mesh.vertices, mesh.triangles, self.outer.vertices, self.outer.triangles
-        )
-        return self.element[np.concatenate([own.ravel(), other[:, 0]]).astype(int)]
+        return self.element[self_intersections(mesh.vertices, mesh.triangles).ravel()]
 
 
 def _nodal_matrix(surface: PatchSurface) -> sparse.csr_matrix:

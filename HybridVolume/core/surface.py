@@ -292,7 +292,13 @@ class PatchSurface:
                 for p in patches
             )
         return PatchSurface(
-            control_points, patches, self.neighbour, self.reversed, self.shell_of_patch
+            control_points,
+            patches,
+            self.neighbour,
+            self.reversed,
+            self.shell_of_patch,
+            self.moved,
+            self.exact,
         )
 
     def evaluate(
