@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""The whole way on bodies with known figures, judged by other means than the code's own."""
+
+from __future__ import annotations
+
+import bodies
+import numpy as np
+import pytest
+import variants
+
+from HybridVolume.core import pipeline
+from HybridVolume.core.assembly import build_surface
+from HybridVolume.core.pipeline import Options, complete
+from HybridVolume.errors import HybridVolumeError, InputError, SelfIntersectionError
+
+CASES = {
+    "box": (bodies.box(spans=(6, 4, 2)), 0.45),
+    "torus": (bodies.torus(), 0.45),
+    "hollow sphere": (bodies.hollow_sphere(), 0.45),
+    "l bracket": (bodies.l_bracket(), 0.42),
+    "ring": (bodies.ring(), 0.42),
+    "bent voxels": (bodies.bent_voxels(1, 2), 0.42),
+}
+
+
+@pytest.fixture(scope="module", params=list(CASES))
+def case(request):
+    body, least = CASES[request.param]
+    return body, least, complete(build_surface(list(body.faces)), Options(w0=0.5))
+
+
+def test_parts_add_up_to_the_known_volume(case):
+    body, _, volume = case
+    parts = volume.shell.volume() + volume.interior.volume + volume.gap_volume
+    assert parts == pytest.approx(body.volume, rel=1e-9)
+    assert tuple(volume.surface.genus) == tuple(body.genus)
+
+
+def test_every_element_is_proved_and_no_sample_disagrees(case):
+    body, _, volume = case
+    certificate = volume.certificate
+    assert certificate.valid == len(certificate) == volume.shell.element_count
+    # an independent look: signs of det J at random places, from the evaluation of the shell
+    rng = np.random.default_rng(11)
+    for k in range(len(volume.surface.patches)):
+        u, v, w = rng.uniform(size=(3, 400))
+        _, x_u, x_v, x_w = volume.shell.evaluate(k, u, v, w, 1)
+        det = np.einsum("mi,mi->m", np.cross(x_v, x_u), x_w)
+        assert det.min() > 0.0, volume.surface.patches[k].face
+
+
+def test_the_level_asked_is_reached(case):
+    _, least, volume = case
+    assert volume.shell.w0 >= least
+    assert volume.shell.embedded
+    assert volume.interior.boundary_exact
+
+
+def test_outer_layer_is_the_refined_input_bit_for_bit(case):
+    _, _, volume = case
+    assert np.array_equal(volume.shell.layers[0], volume.surface.control_points)
+    assert volume.report["boundary_deviation"] <= 1e-13 * volume.surface.diagonal
+
+
+def test_boundary_nodes_of_the_mesh_lie_on_the_surface():
+    body = bodies.sphere(radius=2.0)
+    volume = complete(build_surface(list(body.faces)))
+    outer = volume.fem.nodes[np.unique(volume.fem.boundary)]
+    assert np.abs(np.linalg.norm(outer, axis=1) - 2.0).max() < 1e-12
+    # thickness of a ball's shell is the same all round
+    thickness = volume.shell.thickness()
+    assert np.ptp(thickness) < 0.12 * thickness.mean()
+
+
+def test_columns_of_mirror_images_mirror():
+    """The cube has no preferred corner: neither may its shell, beyond the field's mesh."""
+    volume = complete(build_surface(list(bodies.box((2.0, 2.0, 2.0), (4, 4, 4)).faces)))
+    thickness = volume.shell.thickness()
+    centre = np.array([1.0, 1.0, 1.0])
+    corners = np.abs(volume.surface.control_points - centre).min(axis=1) > 0.999
+    assert corners.sum() == 8
+    assert np.ptp(thickness[corners]) < 0.15 * thickness[corners].mean()
+
+
+def test_stages_are_told_in_order():
+    told = []
+    body = bodies.box(spans=(3, 2, 1))
+    complete(
+        build_surface(list(body.faces)),
+        Options(w0=0.3, layers=1),
+        lambda stage, share, text: told.append((stage, share)),
+    )
+    shares = [share for _, share in told]
+    assert shares == sorted(shares)
+    assert list(dict.fromkeys(stage for stage, _ in told)) == [
+        "surface", "midstructure", "field", "shell", "interior",
+    ]  # fmt: skip
+
+
+def test_layers_and_degree_are_what_was_asked():
+    body = bodies.box(spans=(3, 2, 1))
+    volume = complete(build_surface(list(body.faces)), Options(w0=0.3, layers=4, degree=2, order=1))
+    assert volume.shell.layer_count == 4
+    assert volume.shell.degree_w == 2
+    assert volume.fem.order == 1
+    assert len(volume.shell.layers) == 4 + 2
+
+
+@pytest.mark.parametrize(
+    "values",
+    [{"w0": 0.0}, {"w0": 1.5}, {"layers": 0}, {"order": 3}, {"nodes": "gauss"}, {"tolerance": 1.0}],
+)
+def test_values_out_of_range_are_refused(values):
+    with pytest.raises(InputError) as refusal:
+        Options(**values)
+    assert next(iter(values)) in refusal.value.line
+    assert "choose" in refusal.value.remedy
+
+
+def test_a_surface_that_cuts_itself_is_refused():
+    surface = build_surface(list(bodies.plate().faces))
+    points = surface.control_points.copy()
+    # push one point of the upper side through the lower one
+    top = np.flatnonzero(points[:, 2] > 0.9 * points[:, 2].max())
+    middle = top[np.linalg.norm(points[top, :2] - points[:, :2].mean(axis=0), axis=1).argmin()]
+    points[middle, 2] -= 12.0
+    with pytest.raises(SelfIntersectionError) as refusal:
+        complete(surface.with_points(points))
+    assert refusal.value.faces
+    assert refusal.value.figure > 0
+
+
+def test_broken_bodies_end_in_our_own_errors():
+    for faces in (variants.missing_face().faces, variants.gap(1e-3).faces):
+        with pytest.raises(HybridVolumeError):
+            complete(build_surface(list(faces)))
+
+
+def test_a_wrong_balance_is_a_fault(monkeypatch):
+    monkeypatch.setattr(pipeline, "gap_volume", lambda interface, shell: 1.0)
+    with pytest.raises(pipeline.FaultError):
+        complete(build_surface(list(bodies.box(spans=(3, 2, 1)).faces)), Options(w0=0.3))
