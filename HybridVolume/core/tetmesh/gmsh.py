@@ -35,7 +35,7 @@ def fill(
     tets : (m, 4) int array
     """
     solids, size = _solids(vertices, triangles)
-    threshold = 0.3 if optimise else 0.03
+    threshold = _reachable_quality(vertices, triangles) if optimise else 0.03
     try:
         points, tets = _fill(vertices, solids, facets, max_size, threshold, HXT)
         # HXT leaves out what lies inside closed inner facets
@@ -44,6 +44,18 @@ def fill(
     except Exception as error:  # gmsh raises plain Exception; its other algorithm is worth a try
         log.debug("HXT: %s", error)
     return _fill(vertices, solids, facets, max_size, threshold, DELAUNAY)
+
+
+def _reachable_quality(vertices: np.ndarray, triangles: np.ndarray) -> float:
+    """Quality up to which gmsh shall optimise tetrahedra.
+
+    They cannot be better than the triangles that they stand on; on stretched triangles 0.3 cost
+    9 s for 1600 tetrahedra and gave no better ones than 0.07 in 0.4 s.
+    """
+    x = vertices[triangles]
+    a, b, c = (np.linalg.norm(x[:, i] - x[:, j], axis=1) for i, j in ((1, 2), (2, 0), (0, 1)))
+    quality = (b + c - a) * (c + a - b) * (a + b - c) / (a * b * c)
+    return float(np.clip(0.4 * np.quantile(quality, 0.1), 0.05, 0.3))
 
 
 def _solids(vertices: np.ndarray, triangles: np.ndarray) -> tuple[list[list[np.ndarray]], float]:
