@@ -39,7 +39,7 @@ def adaptive_triangulation(
     surface: PatchSurface,
     size: Callable[[np.ndarray], np.ndarray],
     *,
-    deflection: float = 0.15,
+    deflection: float = 0.06,
     max_triangles: int = 40_000,
     rounds: int = 14,
 ) -> AdaptiveTriangles:

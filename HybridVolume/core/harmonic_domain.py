@@ -91,7 +91,7 @@ def build_domain(
     except MesherError as error:
         log.info("the midstructure is found by distance, its facets were refused: %s", error)
         return _by_distance(boundary, midstructure, tets, engine, options)
-    return _finish(mesh, complex_.triangles + count, complex_, tets, True)
+    return _finish(mesh, complex_.triangles + count, complex_, size.middle, tets, True)
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class _Size:
         area = 0.5 * np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
         distance, _ = middle.query(x.mean(axis=1))
         # a regular tetrahedron of edge h has the volume h³ / 8.5
-        largest = 1.3 * (8.5 * surface.volume() / tets) ** (1.0 / 3.0)
+        largest = (8.5 * surface.volume() / tets) ** (1.0 / 3.0)
         share = 0.4
         for _ in range(40):
             if (area / np.minimum(share * distance, largest) ** 2).sum() < 0.1 * tets:
@@ -138,7 +138,7 @@ class _Size:
 
     def on_midstructure(self, radius: np.ndarray) -> np.ndarray:
         """Wanted edge lengths, mm, where the surface is ``radius`` away."""
-        return np.clip(0.7 * self.share * radius, self.smallest, self.largest)
+        return np.clip(0.5 * self.share * radius, self.smallest, self.largest)
 
 
 def _clean_boundary(surface: PatchSurface, size: _Size, budget: int) -> AdaptiveTriangles | None:
@@ -179,11 +179,16 @@ def _by_distance(
         # an envelope mesher is some ten times as slow
         slow = {**options, "time_limit": 4.0 * options["time_limit"]}
         mesh = fill(*given, engine="pytetwild", optimise=False, **slow)
-    return _finish(mesh, rest.triangles, rest, tets, False)
+    return _finish(mesh, rest.triangles, rest, cKDTree(points), tets, False)
 
 
 def _finish(
-    mesh: TetMesh, facets: np.ndarray, complex_: Complex, tets: int, embedded: bool
+    mesh: TetMesh,
+    facets: np.ndarray,
+    complex_: Complex,
+    middle: cKDTree,
+    tets: int,
+    embedded: bool,
 ) -> Domain:
     """Refine where the midstructure is a line or a point, separate boundary and midstructure."""
     rest, radius = complex_.rest, BALL * complex_.rest_radius
@@ -196,10 +201,29 @@ def _finish(
 
         mesh, facets = refine(mesh, size, facets, max_tets=3 * tets)
     mesh, facets = separate_boundary(mesh, facets)
+    mesh, facets = _filled_up(mesh, facets, middle, tets)
     inner = _inner(mesh, facets, rest, radius)
     if not inner.any():
         raise FaultError("no vertex of the tetrahedra belongs to the midstructure")
     return Domain(mesh, inner, embedded)
+
+
+def _filled_up(
+    mesh: TetMesh, facets: np.ndarray, middle: cKDTree, tets: int
+) -> tuple[TetMesh, np.ndarray]:
+    """Refine a coarse mesh to about so many tetrahedra, evenly in units of the local thickness."""
+    if len(mesh) > 0.8 * tets:
+        return mesh, facets
+    outer = cKDTree(mesh.vertices[mesh.on_boundary])
+    largest = 2.0 * (8.5 * mesh.volume / tets) ** (1.0 / 3.0)
+
+    def thickness(points: np.ndarray) -> np.ndarray:
+        return np.minimum(outer.query(points)[0] + middle.query(points)[0], 4.0 * largest)
+
+    local = thickness(mesh.vertices[mesh.tets].mean(axis=1))
+    need = float((mesh.volumes / local**3).sum())
+    share = (8.5 * need / tets) ** (1.0 / 3.0)
+    return refine(mesh, lambda points: share * thickness(points), facets, max_tets=tets)
 
 
 def _inner(mesh: TetMesh, facets: np.ndarray, rest: np.ndarray, radius: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .mesh import EDGES, FACES, TetMesh, row_keys, tet_volumes
+from .mesh import EDGES, FACES, TetMesh, row_keys
 
 
 def split_edges(
@@ -201,7 +201,8 @@ def refine(
         n = len(mesh.vertices)
         a, b = mesh.vertices[edges[:, 0]], mesh.vertices[edges[:, 1]]
         length = np.linalg.norm(b - a, axis=1)
-        long = length > 1.4 * size(0.5 * (a + b))
+        excess = length / (1.4 * size(0.5 * (a + b)))
+        long = excess > 1.0
         if not long.any():
             break
         keys = row_keys(edges, n)
@@ -212,10 +213,9 @@ def refine(
         if not len(chosen):
             # long edges exist only beside longer ones that are short enough for their place
             break
-        mesh, faces = split_edges(mesh, edges[chosen], faces)
+        # every tetrahedron around a split edge becomes two
+        grown = np.bincount(of_tet, minlength=len(edges))[chosen]
+        order = np.argsort(-excess[chosen], kind="stable")
+        room = np.searchsorted(np.cumsum(grown[order]), max_tets - len(mesh), side="right")
+        mesh, faces = split_edges(mesh, edges[chosen[order[: room + 1]]], faces)
     return mesh, faces
-
-
-def smallest_volume(mesh: TetMesh) -> float:
-    """Smallest signed volume, mm³: not positive where a split met rounding."""
-    return float(tet_volumes(mesh.vertices, mesh.tets).min())
