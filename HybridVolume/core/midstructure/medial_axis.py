@@ -328,7 +328,7 @@ def _polished(facets: _Facets, members: np.ndarray) -> np.ndarray:
     across = samples.normals[feet[:, 0]] - samples.normals[feet[:, 1]]
     length2 = np.einsum("ki,ki->k", across, across)
     step = (gap[0] - gap[1]) / np.maximum(length2, 0.25)
-    limit = 0.1 * raw.radius[vertex] / np.sqrt(np.maximum(length2, 0.25))
+    limit = 0.3 * raw.radius[vertex] / np.sqrt(np.maximum(length2, 0.25))
     move = across * np.clip(step, -limit, limit)[:, None]
     count = np.maximum(np.bincount(vertex, minlength=len(raw.vertices)), 1)
     total = [np.bincount(vertex, move[:, i], len(raw.vertices)) for i in range(3)]
