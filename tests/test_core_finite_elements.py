@@ -9,6 +9,7 @@ import pytest
 from shells import BODIES, exact_volume, make_shell, make_volume
 
 from HybridVolume.core import finite_elements as module
+from HybridVolume.core.curving import untangle
 from HybridVolume.core.element_jacobians import prove_positive
 from HybridVolume.core.elements import FACES, jacobians, quadrature, shape_gradients
 from HybridVolume.core.finite_elements import build_finite_elements, conforming_mesh
@@ -125,6 +126,27 @@ def test_mid_nodes_inside_are_moved_only_where_tets_need_it():
     assert np.allclose(along, share[:, None] * whole, atol=1e-12)
     assert share.min() > 0.4 and share.max() <= 1.0 + 1e-12
     assert make_volume("box").fem.repairs == 0
+
+
+def test_inverted_elements_are_untangled_and_the_outside_stays():
+    fem = make_volume("sphere").fem
+    elements = [("penta15", fem.wedges), ("tet10", fem.tets)]
+    free = np.ones(len(fem.nodes), dtype=bool)
+    free[np.unique(fem.boundary)] = False
+    corners = np.unique(np.concatenate([fem.wedges[:, :6].ravel(), fem.tets[:, :4].ravel()]))
+    free[corners] = False
+    rng = np.random.default_rng(2)
+    chosen = rng.choice(np.flatnonzero(free), 40, replace=False)
+    tangled = fem.nodes.copy()
+    tangled[chosen] += 0.12 * rng.normal(size=(40, 3))
+
+    def inverted(nodes):
+        return sum(int((~prove_positive(k, nodes[c]).proved).sum()) for k, c in elements)
+
+    assert inverted(tangled) > 30
+    found = untangle(tangled, elements, free)
+    assert inverted(found) == 0
+    assert np.array_equal(found[~free], tangled[~free])
 
 
 def test_a_grid_that_fails_is_refined(monkeypatch):

@@ -25,7 +25,7 @@ _ROUNDS = 6
 
 @dataclass(frozen=True, eq=False)
 class _Batch:
-    """Elements of one kind with the inverse of their target at each sample point."""
+    """Elements of one kind, and gradients (ne, n, 3 m) with respect to their target."""
 
     connectivity: np.ndarray
     gradients: np.ndarray
@@ -68,7 +68,7 @@ def untangle(
 
 
 def _batch(kind: str, connectivity: np.ndarray, nodes: np.ndarray, density: int) -> _Batch:
-    """Gradients with respect to the straight element: (ne, m, n, 3), so that A = x . gradients."""
+    """Gradients with respect to the straight element, so that the map is x times gradients."""
     points = bernstein_lattice(kind, density)
     straight = _STRAIGHT[kind]
     corners = nodes[connectivity[:, : reference(straight).corners]]
@@ -79,8 +79,9 @@ def _batch(kind: str, connectivity: np.ndarray, nodes: np.ndarray, density: int)
     flat = volume < 0.02
     regular = np.eye(3) * np.cbrt(lengths.prod(axis=2))[..., None, None]
     target = np.where(flat[..., None, None], regular, target)
-    gradients = np.einsum("mnd,emdk->emnk", shape_gradients(kind, points), np.linalg.inv(target))
-    return _Batch(connectivity, gradients)
+    gradients = np.einsum("mnd,emdk->enkm", shape_gradients(kind, points), np.linalg.inv(target))
+    shape = (len(connectivity), connectivity.shape[1], -1)
+    return _Batch(connectivity, np.ascontiguousarray(gradients.reshape(shape)))
 
 
 class _Problem:
@@ -98,7 +99,7 @@ class _Problem:
         place = np.zeros(3 * len(self.movable))
         for _ in range(_ROUNDS):
             self._move(place)
-            least = min(float(np.linalg.det(self._maps(b)).min()) for b in self.batches)
+            least = self._least()
             if least < 0.02:
                 self.softness = max(_SOFTEST, 0.5 * (0.02 - least))
             else:
@@ -120,8 +121,13 @@ class _Problem:
         self.nodes[self.movable] = self.origin + self.unit * place.reshape(-1, 3)
 
     def _maps(self, batch: _Batch) -> np.ndarray:
-        x = self.nodes[batch.connectivity]
-        return np.einsum("enc,emnk->emck", x, batch.gradients, optimize=True)
+        """Jacobians of the maps from the targets, (ne, 3, 3, m)."""
+        x = self.nodes[batch.connectivity].transpose(0, 2, 1)
+        return (x @ batch.gradients).reshape(len(x), 3, 3, -1)
+
+    def _least(self) -> float:
+        """Smallest determinant at the sample points."""
+        return min(float(_determinants(self._maps(b))[0].min()) for b in self.batches)
 
     def energy(self, place: np.ndarray) -> tuple[float, np.ndarray]:
         """Energy and its gradient."""
@@ -129,29 +135,34 @@ class _Problem:
         total, slope = 0.0, np.zeros_like(self.nodes)
         for batch in self.batches:
             a = self._maps(batch)
-            cofactor = np.stack(
-                [
-                    np.cross(a[..., 1], a[..., 2]),
-                    np.cross(a[..., 2], a[..., 0]),
-                    np.cross(a[..., 0], a[..., 1]),
-                ],
-                axis=-1,
-            )
-            det = np.einsum("emc,emc->em", a[..., 0], cofactor[..., 0])
+            det, cofactor = _determinants(a)
             root = np.sqrt(self.softness**2 + det**2)
             below = np.where(det > 0.0, 1.0, root - det)
             chi = np.where(det > 0.0, 0.5 * (det + root), 0.5 * self.softness**2 / below)
-            change = chi / root
-            trace = np.einsum("emck,emck->em", a, a) / 3.0
+            trace = np.einsum("eckm,eckm->em", a, a) / 3.0
             power = chi ** (-2.0 / 3.0)
             size = _VOLUME_SHARE * (1.0 + det**2) / chi
             total += float((trace * power + size).sum())
-            by_det = -(2.0 / 3.0) * trace * power / chi * change
-            by_det += 2.0 * _VOLUME_SHARE * det / chi - size / chi * change
-            by_map = (2.0 / 3.0) * power[..., None, None] * a + by_det[..., None, None] * cofactor
-            pull = np.einsum("emck,emnk->enc", by_map, batch.gradients, optimize=True)
+            # the derivative of chi with respect to det is chi / root
+            by_det = 2.0 * _VOLUME_SHARE * det / chi
+            by_det -= ((2.0 / 3.0) * trace * power + size) / root
+            a *= (2.0 / 3.0) * power[:, None, None]
+            cofactor *= by_det[:, None, None]
+            a += cofactor
+            pull = a.reshape(len(a), 3, -1) @ batch.gradients.transpose(0, 2, 1)
             for axis in range(3):
                 slope[:, axis] += np.bincount(
-                    batch.connectivity.ravel(), pull[..., axis].ravel(), len(self.nodes)
+                    batch.connectivity.ravel(), pull[:, axis].ravel(), len(self.nodes)
                 )
         return total, self.unit * slope[self.movable].ravel()
+
+
+def _determinants(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Determinants (ne, m) and cofactors (ne, 3, 3, m) of (ne, 3, 3, m) matrices."""
+    cofactor = np.empty_like(a)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        for p in range(3):
+            q, r = (p + 1) % 3, (p + 2) % 3
+            cofactor[:, i, p] = a[:, j, q] * a[:, k, r] - a[:, j, r] * a[:, k, q]
+    return np.einsum("ekm,ekm->em", a[:, 0], cofactor[:, 0]), cofactor

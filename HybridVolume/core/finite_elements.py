@@ -27,8 +27,10 @@ from .shell import Shell
 logger = logging.getLogger(__name__)
 
 _ROUNDS = 6
-_KEPT_QUALITY = 0.25
+_KEPT_QUALITY = 0.5
 """Share of its straight scaled Jacobian that a curved tet should have."""
+_POOR, _WORST = 0.02, 0.002
+"""Scaled Jacobians below which wedges, and below which all elements, are worth an optimisation."""
 
 
 @dataclass(frozen=True)
@@ -401,23 +403,39 @@ class _Builder:
             self.nodes[bad] = mix * curved[bad] + (1.0 - mix) * straight[bad]
 
     def _untangle(self, movable: np.ndarray) -> None:
-        """Move nodes inside near elements that are not proved, in growing neighbourhoods."""
+        """Move nodes inside near elements that are not proved, and near poor wedges.
+
+        What was proved stays proved: a step that loses an element or quality is not taken.
+        """
         may_move = np.zeros(len(self.nodes), dtype=bool)
         may_move[movable] = True
         may_move[self.core_start :] = True
-        proved = [prove_positive(kind, self.nodes[c]).proved for kind, c in self._elements]
-        near = np.zeros(len(self.nodes), dtype=bool)
-        for flags, (_, c) in zip(proved, self._elements, strict=True):
-            near[c[~flags]] = True
-        start = self.nodes
-        for density in (3, 4) if near.any() else ():
+        for density, rings, least in ((3, 0, (_POOR, 0.0)), (4, 1, (_WORST, _WORST))):
+            before = self._quality(self.nodes)
+            # many tets are as flat as the mesher left them: only wedges can gain much
+            poor = [q < low for q, low in zip(before, least, strict=True)]
+            if not any(p.any() for p in poor):
+                break
+            near = np.zeros(len(self.nodes), dtype=bool)
+            for flags, (_, c) in zip(poor, self._elements, strict=True):
+                near[c[flags]] = True
+            for _ in range(rings):
+                for _, c in self._elements:
+                    near[c[near[c].any(axis=1)]] = True
             free = near & may_move
             around = [(kind, c[free[c].any(axis=1)]) for kind, c in self._elements]
-            self.nodes = untangle(start, around, free, density)
-            if all(prove_positive(kind, self.nodes[c]).proved.all() for kind, c in around):
-                break
-            for _, c in around:
-                near[c] = True
+            fresh = untangle(self.nodes, around, free, density)
+            after = self._quality(fresh)
+            if min(q.min() for q in after) > min(q.min() for q in before):
+                self.nodes = fresh
+
+    def _quality(self, nodes: np.ndarray) -> list[np.ndarray]:
+        """Scaled Jacobian of each element, -1 where it is not proved."""
+        found = []
+        for kind, c in self._elements:
+            quality = scaled_jacobian(kind, nodes[c])
+            found.append(np.where(prove_positive(kind, nodes[c]).proved, quality, -1.0))
+        return found
 
     def _refuse(self, proved: list[np.ndarray]) -> None:
         bad_wedges, bad_tets = (np.flatnonzero(~p) for p in proved)
