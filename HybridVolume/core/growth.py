@@ -237,7 +237,9 @@ class _Grower:
             gained = number == 0 or best is None or state.off(level) < 0.95 * best.off(level)
             if state.accepted and gained:
                 best = state
-            if best is not None and (not gained or best.off(level) < CLOSE):
+            elif best is not None:
+                break
+            if best is not None and best.off(level) < CLOSE:
                 break
         return best
 
