@@ -173,7 +173,7 @@ def test_crash_is_an_error(tmp_path, monkeypatch):
     script = tmp_path / "python"
     script.write_text("#!/bin/sh\nkill -11 $$\n")
     script.chmod(0o755)
-    monkeypatch.setattr(door, "_interpreter", lambda: str(script))
+    monkeypatch.setattr(door, "interpreter", lambda: str(script))
     x, f = icosphere(1)
     with pytest.raises(MesherError, match=r"netgen crashed \(signal 11\)"):
         fill(x, f, engine="netgen")

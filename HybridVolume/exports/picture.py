@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from HybridVolume.core.atomic import beside
+from HybridVolume.core.tetmesh.door import interpreter
 from HybridVolume.errors import SetupError
 
 from .scene import Scene, cutaway
@@ -116,7 +117,7 @@ def _draw(
     root = str(Path(__file__).resolve().parents[2])
     known = environment.get("PYTHONPATH", "")
     environment["PYTHONPATH"] = os.pathsep.join(p for p in (root, known) if p)
-    command = [*prefix, sys.executable, "-m", f"{__package__}.render", str(arrays), str(part)]
+    command = [*prefix, interpreter(), "-m", f"{__package__}.render", str(arrays), str(part)]
     try:
         done = subprocess.run(
             command,

@@ -160,7 +160,7 @@ def _check_input(vertices: np.ndarray, triangles: np.ndarray, facets: np.ndarray
         raise MesherError("the triangles do not close the body", remedy=REMEDY)
 
 
-def _interpreter() -> str:
+def interpreter() -> str:
     """The Python that runs this code, also where it is embedded in another program."""
     path = Path(sys.executable or "")
     if path.name.lower().startswith("python"):
@@ -181,6 +181,9 @@ def _run(
     time_limit: float,
 ) -> TetMesh:
     root = Path(__file__).resolve().parents[3]
+    # meshers have absolute tolerances; a power of two changes no bit but the exponent
+    scale = 2.0 ** np.round(np.log2(64.0 / max(float(np.ptp(vertices, axis=0).max()), 1e-300)))
+    sizes = {**options, "max_size": options["max_size"] * scale}
     environment = dict(os.environ)
     path = [str(root), *(p for p in environment.get("PYTHONPATH", "").split(os.pathsep) if p)]
     environment["PYTHONPATH"] = os.pathsep.join(path)
@@ -189,12 +192,12 @@ def _run(
         folder = Path(temporary)
         np.savez(
             folder / "input.npz",
-            vertices=vertices,
+            vertices=vertices * scale,
             triangles=triangles,
             facets=facets,
-            **options,
+            **sizes,
         )
-        command = [_interpreter(), "-m", f"{__package__}.run", str(folder), name]
+        command = [interpreter(), "-m", f"{__package__}.run", str(folder), name]
         with open(folder / "log.txt", "wb") as output:
             process = subprocess.Popen(
                 command,
@@ -220,7 +223,7 @@ def _run(
         if not answer.is_file():
             raise MesherError(_reason(name, code, folder / "error.txt", said))
         with np.load(answer) as data:
-            points, tets = data["vertices"], data["tets"]
+            points, tets = data["vertices"] / scale, data["tets"]
     return _checked(name, vertices, triangles, facets, points, tets)
 
 
