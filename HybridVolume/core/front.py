@@ -28,6 +28,10 @@ logger = logging.getLogger(__name__)
 
 LEVELS = 6
 ITERATIONS = 4
+LAGGING = 0.5
+"""Share of the level below which a node counts as held back."""
+RAY_PULL = 30.0
+"""How much more strongly such a node is drawn, straight along its most inward direction."""
 MARGIN = 5e-3
 """Smallest n . d at which a direction d counts as inward of a normal n."""
 
@@ -273,15 +277,34 @@ def solve_front(
     displacement *= np.minimum(1.0, 0.5 * frame.spacing / (1e-3 * diagonal))[:, None]
     rows = 3 * np.arange(n)[:, None, None] + np.arange(3)[:, None] + np.zeros(3, dtype=int)
     columns = np.swapaxes(rows, 1, 2)
-    for step in range(1, LEVELS + 1):
-        level = w0 * step / LEVELS
-        for _ in range(ITERATIONS if step < LEVELS else ITERATIONS + 6):
+
+    def solve(normal: np.ndarray, goal: np.ndarray, rho: np.ndarray) -> np.ndarray:
+        """Smoothest displacements with n . D drawn to a goal with weight rho."""
+        outer = rho[:, None, None] * normal[:, :, None] * normal[:, None, :]
+        matrix = blocks + sparse.csr_matrix(
+            (outer.ravel(), (rows.ravel(), columns.ravel())), shape=(3 * n, 3 * n)
+        )
+        right = (rho * goal)[:, None] * normal
+        return _solve_blocks(matrix, outer, degree, right, displacement)
+
+    lengths = np.full(n, np.nan)
+    for step in range(1, LEVELS + 2):
+        level = w0 * min(step, LEVELS) / LEVELS
+        if step > LEVELS:
+            # where the net is coarse a corner far from the level is held back by its neighbours
+            w, _, inside = field.evaluate(frame.nodes + displacement)
+            behind = inside & (w < LAGGING * w0)
+            if not behind.any():
+                break
+            lengths[behind] = _ray_lengths(field, frame, behind, w0, diagonal)
+        ray = np.isfinite(lengths)
+        for _ in range(ITERATIONS + 6 if step == LEVELS else ITERATIONS):
             w, gradient, inside = field.evaluate(frame.nodes + displacement)
             steepness = np.linalg.norm(gradient, axis=1)
             median = np.median(steepness[inside]) if inside.any() else 1.0
             normal = gradient / np.maximum(steepness, 1e-300)[:, None]
             # on edges and on the midstructure the gradient vanishes: the cone says the way
-            flat = steepness < 0.1 * median
+            flat = ray | (steepness < 0.1 * median)
             normal[flat] = frame.direction[flat]
             along = np.einsum("li,li->l", normal, displacement)
             way = np.clip(
@@ -293,13 +316,33 @@ def solve_front(
             rho = np.where(free, 0.0, pull)
             if free.all():
                 rho = pull
-            outer = rho[:, None, None] * normal[:, :, None] * normal[:, None, :]
-            matrix = blocks + sparse.csr_matrix(
-                (outer.ravel(), (rows.ravel(), columns.ravel())), shape=(3 * n, 3 * n)
-            )
-            right = (rho * (along + way))[:, None] * normal
-            displacement = _solve_blocks(matrix, outer, degree, right, displacement)
+            goal = np.where(ray, lengths, along + way)
+            rho = np.where(ray, RAY_PULL * pull, rho)
+            displacement = solve(normal, goal, rho)
     return displacement
+
+
+def _ray_lengths(
+    field: HarmonicField, frame: ColumnFrame, chosen: np.ndarray, level: float, diagonal: float
+) -> np.ndarray:
+    """Distance from nodes along their inward directions to the level; nan where it is not met."""
+    nodes, direction = frame.nodes[chosen], frame.direction[chosen]
+    shares = np.geomspace(1e-3, 1.0, 80) * diagonal
+    places = nodes[:, None] + shares[:, None] * direction[:, None]
+    w, _, inside = field.evaluate(places.reshape(-1, 3))
+    w, inside = w.reshape(len(nodes), -1), inside.reshape(len(nodes), -1)
+    reached = w >= level
+    first = reached.argmax(axis=1)
+    ok = reached.any(axis=1) & (first > 0)
+    # the whole way must run inside the body
+    step = np.arange(len(shares))
+    ok &= (inside | (step > first[:, None])).all(axis=1)
+    index = np.arange(len(nodes))
+    before = np.maximum(first - 1, 0)
+    low, high = w[index, before], w[index, first]
+    share = np.clip((level - low) / np.maximum(high - low, 1e-12), 0.0, 1.0)
+    length = shares[before] + share * (shares[first] - shares[before])
+    return np.where(ok, length, np.nan)
 
 
 def _solve_blocks(
