@@ -16,8 +16,9 @@ from test_core_tetmesh import icosphere
 from HybridVolume.core import tetmesh
 from HybridVolume.core.adaptive_triangulation import adaptive_triangulation
 from HybridVolume.core.assembly import build_surface
-from HybridVolume.core.harmonic import HarmonicField, solve_harmonic, solve_on, tie_parts
+from HybridVolume.core.harmonic import HarmonicField, solve_harmonic, solve_on
 from HybridVolume.core.harmonic_domain import Domain
+from HybridVolume.core.harmonic_topology import tie_parts
 from HybridVolume.core.isosurface import genus_from_euler, isosurface_euler
 from HybridVolume.core.midstructure import Midstructure, Sheet
 from HybridVolume.core.tetmesh import TetMesh, enclosed_volume, fill

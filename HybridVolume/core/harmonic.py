@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import inspect
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,41 +11,21 @@ from functools import cached_property
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
-from scipy.sparse.linalg import LinearOperator, cg
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from ..errors import FaultError
 from .harmonic_domain import Domain, build_domain
-from .isosurface import genus_from_euler, isosurface_euler
+from .harmonic_topology import mend
+from .isosurface import genus_from_euler, isosurface_euler, largest_level
+from .laplace import Laplace, hat_gradients
 from .midstructure import Midstructure
 from .surface import PatchSurface
 from .tetmesh import TetMesh
-from .tetmesh.mesh import EDGES, row_keys
 
 log = logging.getLogger(__name__)
 
 # Points are inside a tetrahedron down to this barycentric coordinate.
 INSIDE = -1e-6
-# What w may leave [0, 1] by before it is called wrong.
-ROUNDING = 1e-8
-# Volume of a flat tetrahedron in cubes of its edges.
-FLAT = 1e-9
-
-
-def hat_gradients(mesh: TetMesh) -> np.ndarray:
-    """Gradients of the four linear functions of every tetrahedron, (m, 4, 3), 1/mm."""
-    x = mesh.vertices[mesh.tets]
-    a, b, c = (x[:, i] - x[:, 0] for i in (1, 2, 3))
-    # flat tetrahedra count as a little thicker than they are: nothing is gained from their slopes
-    longest = np.max([(v * v).sum(axis=1) for v in (a, b, c)], axis=0) ** 1.5
-    six = 6.0 * np.maximum(mesh.volumes, FLAT * longest)[:, None]
-    gradients = np.empty((len(mesh), 4, 3))
-    gradients[:, 1] = np.cross(b, c) / six
-    gradients[:, 2] = np.cross(c, a) / six
-    gradients[:, 3] = np.cross(a, b) / six
-    gradients[:, 0] = -gradients[:, 1:].sum(axis=1)
-    return gradients
 
 
 @dataclass(frozen=True)
@@ -197,23 +176,7 @@ class HarmonicField:
         float
             0 when no level fits.
         """
-        wanted = tuple(sorted(int(g) for g in genus_per_shell))
-        if self.isosurface_genus(asked) == wanted:
-            return float(asked)
-        levels = np.linspace(0.0, asked, 41)[1:-1]
-        for place in range(len(levels) - 1, -1, -1):
-            if self.isosurface_genus(levels[place]) == wanted:
-                break
-        else:
-            return 0.0
-        low, high = levels[place], np.append(levels, asked)[place + 1]
-        for _ in range(8):
-            middle = 0.5 * (low + high)
-            if self.isosurface_genus(middle) == wanted:
-                low = middle
-            else:
-                high = middle
-        return float(low)
+        return largest_level(self.mesh, self.w, genus_per_shell, asked)
 
 
 def solve_harmonic(
@@ -249,23 +212,26 @@ def solve_harmonic(
     domain = build_domain(
         surface, midstructure, tets=tets, engine=engine, free=free, time_limit=time_limit
     )
-    return solve_on(domain)
+    return solve_on(domain, surface.genus)
 
 
-def solve_on(domain: Domain) -> HarmonicField:
-    """The field on a given domain (see :func:`solve_harmonic`)."""
+def solve_on(domain: Domain, genus_per_shell: Sequence[int] | None = None) -> HarmonicField:
+    """The field on a given domain.
+
+    Parameters
+    ----------
+    domain : Domain
+    genus_per_shell : sequence of int, optional
+        Where given, the midstructure is mended until the isosurfaces look like that.
+    """
     mesh = domain.mesh
-    n = len(mesh.vertices)
-    hats = hat_gradients(mesh)
-    local = np.einsum("mai,mbi->mab", hats, hats) * np.abs(mesh.volumes)[:, None, None]
     fixed = domain.inner & ~mesh.on_boundary
-    w = _maximum_principle(mesh, local, fixed)
-    tied = tie_parts(mesh, w, fixed)
-    if len(tied):
-        log.info("the midstructure lay in pieces: tied together by %d vertices", len(tied))
-        fixed[tied] = True
-        w = _maximum_principle(mesh, local, fixed)
-    slope = np.einsum("mk,mki->mi", w[mesh.tets], hats)
+    laplace = Laplace(mesh)
+    w = laplace.solve(fixed)
+    if genus_per_shell is not None:
+        w, fixed = mend(laplace, w, fixed, genus_per_shell)
+    n = len(mesh.vertices)
+    slope = np.einsum("mk,mki->mi", w[mesh.tets], hat_gradients(mesh))
     weight = np.bincount(mesh.tets.ravel(), np.repeat(mesh.volumes, 4), n)
     gradient = np.column_stack(
         [
@@ -320,111 +286,3 @@ def release_islands(
     if released:
         log.info("%d parts of the midstructure let go: they only lift w near themselves", released)
     return field, released
-
-
-def tie_parts(mesh: TetMesh, w: np.ndarray, fixed: np.ndarray) -> np.ndarray:
-    """Vertices that tie the parts of the midstructure together where they meet at the highest w.
-
-    Where the midstructure lies in pieces, the isosurfaces near 1 do, too. Ties over the highest
-    saddles join what would join at some lower level anyway, and add no handles.
-
-    Parameters
-    ----------
-    mesh : TetMesh
-    w : (n,) array
-        The field without ties.
-    fixed : (n,) bool array
-        Vertices of the midstructure.
-    """
-    n = len(w)
-    a, b = mesh.edges[~mesh.on_boundary[mesh.edges].any(axis=1)].T
-    inside = fixed[a] & fixed[b]
-    shape = (n, n)
-    part = sparse.coo_matrix((np.ones(int(inside.sum())), (a[inside], b[inside])), shape=shape)
-    if len(np.unique(connected_components(part, directed=False)[1][fixed])) <= 1:
-        return np.zeros(0, dtype=np.int64)
-    low = np.where(inside, 1.0, np.minimum(w[a], w[b]))
-    # ties between equal values (flat tetrahedra) are broken by the length
-    length = np.linalg.norm(mesh.vertices[a] - mesh.vertices[b], axis=1)
-    cost = (1.0 - low) + 1e-6 * (length / length.max()) + 1e-9
-    tree = minimum_spanning_tree(sparse.coo_matrix((cost, (a, b)), shape=shape)).tocoo()
-    ends = np.column_stack([tree.row, tree.col])
-    keep = fixed.copy()
-    keep[ends] = True
-    while True:
-        # what hangs off the tree without a vertex of the midstructure is not needed
-        degree = np.bincount(ends.ravel(), minlength=n)
-        leaf = keep & ~fixed & (degree <= 1)
-        if not leaf.any():
-            break
-        keep &= ~leaf
-        ends = ends[keep[ends].all(axis=1)]
-    return np.flatnonzero(keep & ~fixed)
-
-
-def _maximum_principle(mesh: TetMesh, local: np.ndarray, fixed: np.ndarray) -> np.ndarray:
-    """Solve with w = 1 at fixed vertices and w = 0 on the boundary, such that 0 <= w <= 1.
-
-    Flat tetrahedra can give positive entries beside the diagonal, and then values beyond the
-    boundary values. Edges around such values lose these entries until the principle holds; with
-    none of them left it holds for certain.
-    """
-    n = len(mesh.vertices)
-    edges = mesh.edges
-    keys = row_keys(mesh.tets[:, EDGES].reshape(-1, 2), n)
-    of_tet = np.searchsorted(row_keys(edges, n), keys)
-    values = -local[:, EDGES[:, 0], EDGES[:, 1]].ravel()
-    conductance = np.bincount(of_tet, values, len(edges))
-    free = np.flatnonzero(~fixed & ~mesh.on_boundary)
-    w = fixed.astype(float)
-    if not len(free):
-        return w
-    for attempt in range(20):
-        stiffness = _graph_laplacian(edges, conductance, n)
-        w[free] = _solve(stiffness[free][:, free], -(stiffness[free][:, fixed] @ w[fixed]))
-        wrong = (w < -ROUNDING) | (w > 1.0 + ROUNDING)
-        if not wrong.any():
-            break
-        log.info(
-            "w leaves [0, 1] by %.2g at %d vertices beside flat tetrahedra",
-            max(-w.min(), w.max() - 1.0),
-            int(wrong.sum()),
-        )
-        around = wrong[edges].any(axis=1)
-        for _ in range(attempt):
-            near = np.zeros(n, dtype=bool)
-            near[edges[around]] = True
-            around = near[edges].any(axis=1)
-        conductance = np.where(around, np.maximum(conductance, 0.0), conductance)
-    else:
-        raise FaultError("the harmonic function leaves [0, 1]", remedy="refine the surface")
-    return np.clip(w, 0.0, 1.0)
-
-
-def _graph_laplacian(edges: np.ndarray, conductance: np.ndarray, n: int) -> sparse.csr_matrix:
-    rows, columns = np.concatenate([edges, edges[:, ::-1]]).T
-    values = np.tile(conductance, 2)
-    off = sparse.coo_matrix((-values, (rows, columns)), shape=(n, n)).tocsr()
-    return off + sparse.diags(np.bincount(rows, values, n))
-
-
-def _solve(matrix: sparse.csr_matrix, right: np.ndarray) -> np.ndarray:
-    """Conjugate gradients, preconditioned by pyamg where it is installed."""
-    try:
-        import pyamg
-    except ImportError:
-        diagonal = matrix.diagonal()
-        step = LinearOperator(matrix.shape, matvec=lambda x: x / diagonal)
-    else:
-        step = pyamg.smoothed_aggregation_solver(matrix).aspreconditioner()
-    scale = float(np.linalg.norm(right))
-    # the relative tolerance is called tol up to scipy 1.11 and rtol later
-    relative = "rtol" if "rtol" in inspect.signature(cg).parameters else "tol"
-    options = {relative: 1e-10, "atol": 0.0, "M": step, "maxiter": 5000}
-    solution, failed = cg(matrix, right, **options)
-    residual = float(np.linalg.norm(matrix @ solution - right))
-    if failed or not residual <= 1e-6 * scale:
-        raise FaultError(
-            f"the harmonic system did not converge (residual {residual:.2g})", figure=residual
-        )
-    return solution

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
@@ -53,6 +55,75 @@ def isosurface_euler(mesh: TetMesh, values: np.ndarray, level: float) -> np.ndar
     edges = np.bincount(label[face_tet[first]], minlength=count)
     euler = vertices - edges + polygons
     return euler[np.argsort(polygons, kind="stable")]
+
+
+def critical_vertices(mesh: TetMesh, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Parts of the higher and of the lower neighbourhood of every vertex.
+
+    Both are 1 at an ordinary inner vertex. Two higher parts join there as the level falls; two
+    lower parts are separated there: a hole closes.
+
+    Parameters
+    ----------
+    mesh : TetMesh
+    values : (n,) array
+
+    Returns
+    -------
+    above, below : (n,) int arrays
+    """
+    n = len(values)
+    rank = np.empty(n, dtype=np.int64)
+    rank[np.argsort(values, kind="stable")] = np.arange(n)
+    edges = mesh.edges
+    swap = rank[edges[:, 0]] > rank[edges[:, 1]]
+    lower, upper = np.where(swap[:, None], edges[:, ::-1], edges).T
+    edge_keys = row_keys(edges, n)
+    faces = np.unique(np.sort(mesh.tets[:, FACES].reshape(-1, 3), axis=1), axis=0)
+    faces = np.take_along_axis(faces, rank[faces].argsort(axis=1), axis=1)
+    number = [
+        np.searchsorted(edge_keys, row_keys(faces[:, pair], n)) for pair in ([0, 1], [0, 2], [1, 2])
+    ]
+    result = []
+    for owner, one, two in ((lower, number[0], number[1]), (upper, number[1], number[2])):
+        graph = coo_matrix((np.ones(len(one)), (one, two)), shape=(len(edges), len(edges)))
+        _, label = connected_components(graph, directed=False)
+        _, first = np.unique(label, return_index=True)
+        result.append(np.bincount(owner[first], minlength=n))
+    return result[0], result[1]
+
+
+def largest_level(
+    mesh: TetMesh, values: np.ndarray, genus_per_shell: Sequence[int], asked: float
+) -> float:
+    """The largest level up to ``asked`` whose isosurface has these genera, 0 when there is none.
+
+    Between critical vertices the isosurface keeps its topology, so that one level is enough there.
+
+    Parameters
+    ----------
+    mesh : TetMesh
+    values : (n,) array
+        0 on the boundary.
+    genus_per_shell : sequence of int
+        In any order.
+    asked : float
+    """
+    wanted = tuple(sorted(int(g) for g in genus_per_shell))
+
+    def fits(level: float) -> bool:
+        return genus_from_euler(isosurface_euler(mesh, values, level)) == wanted
+
+    if fits(asked):
+        return float(asked)
+    above, below = critical_vertices(mesh, values)
+    turning = ~mesh.on_boundary & ((above != 1) | (below != 1)) & (values < asked)
+    steps = np.concatenate([[0.0], np.unique(values[turning]), [asked]])
+    steps = steps[np.append(True, np.diff(steps) > 1e-6)]
+    for low, high in zip(steps[-2::-1], steps[:0:-1], strict=True):
+        if fits(0.5 * (low + high)):
+            return float(high - 1e-3 * (high - low))
+    return 0.0
 
 
 def genus_from_euler(euler: np.ndarray) -> tuple[int, ...]:

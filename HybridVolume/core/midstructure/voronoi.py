@@ -72,7 +72,9 @@ def interior_facets(samples: Samples, min_angle: float, seed: int = 0) -> Vorono
     seed : int
         Of the jitter that goes into the triangulation, not into the result.
     """
-    points, normals = samples.points, samples.normals
+    # qhull loses digits far from the origin
+    origin = samples.points.mean(axis=0)
+    points, normals = samples.points - origin, samples.normals
     diagonal = np.linalg.norm(np.ptp(points, axis=0))
     noise = np.random.default_rng(seed).uniform(-1.0, 1.0, points.shape) * (JITTER * diagonal)
     moved = points + noise
@@ -101,7 +103,7 @@ def interior_facets(samples: Samples, min_angle: float, seed: int = 0) -> Vorono
     touching = points[tets[vertices]]
     radius = np.linalg.norm(centres[vertices][:, None] - touching, axis=2).mean(axis=1)
     shared, which = _shared_edges(tets, feet, tet, edge, n)
-    return VoronoiFacets(centres[vertices], radius, start, corners, feet, shared, which)
+    return VoronoiFacets(centres[vertices] + origin, radius, start, corners, feet, shared, which)
 
 
 def _rings(
