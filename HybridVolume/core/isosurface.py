@@ -79,7 +79,7 @@ def critical_vertices(mesh: TetMesh, values: np.ndarray) -> tuple[np.ndarray, np
     swap = rank[edges[:, 0]] > rank[edges[:, 1]]
     lower, upper = np.where(swap[:, None], edges[:, ::-1], edges).T
     edge_keys = row_keys(edges, n)
-    faces = np.unique(np.sort(mesh.tets[:, FACES].reshape(-1, 3), axis=1), axis=0)
+    faces = mesh.faces
     faces = np.take_along_axis(faces, rank[faces].argsort(axis=1), axis=1)
     number = [
         np.searchsorted(edge_keys, row_keys(faces[:, pair], n)) for pair in ([0, 1], [0, 2], [1, 2])
@@ -120,10 +120,23 @@ def largest_level(
     turning = ~mesh.on_boundary & ((above != 1) | (below != 1)) & (values < asked)
     steps = np.concatenate([[0.0], np.unique(values[turning]), [asked]])
     steps = steps[np.append(True, np.diff(steps) > 1e-6)]
-    for low, high in zip(steps[-2::-1], steps[:0:-1], strict=True):
-        if fits(0.5 * (low + high)):
-            return float(high - 1e-3 * (high - low))
+    # the sum over all components costs nothing: only where it is right they are told apart
+    total = total_euler(mesh, values, 0.5 * (steps[:-1] + steps[1:]))
+    for k in np.flatnonzero(total == 2 * len(wanted) - 2 * sum(wanted))[::-1]:
+        if fits(0.5 * (steps[k] + steps[k + 1])):
+            return float(steps[k + 1] - 1e-3 * (steps[k + 1] - steps[k]))
     return 0.0
+
+
+def total_euler(mesh: TetMesh, values: np.ndarray, levels: np.ndarray) -> np.ndarray:
+    """Euler characteristic of the whole isosurface at many levels, (k,)."""
+    result = np.zeros(len(levels), dtype=np.int64)
+    for sign, cells in ((1, mesh.edges), (-1, mesh.faces), (1, mesh.tets)):
+        ends = values[cells]
+        lowest, highest = np.sort(ends.min(axis=1)), np.sort(ends.max(axis=1))
+        cut = np.searchsorted(lowest, levels) - np.searchsorted(highest, levels)
+        result += sign * cut
+    return result
 
 
 def genus_from_euler(euler: np.ndarray) -> tuple[int, ...]:

@@ -84,6 +84,13 @@ class TetMesh:
         return result.reshape(-1, 4)
 
     @cached_property
+    def faces(self) -> np.ndarray:
+        """All faces, each once, (f, 3)."""
+        order, same = self._face_order
+        first = order[~np.append(False, same[:-1])]
+        return self.tets[first[:, None] // 4, FACES[first % 4]]
+
+    @cached_property
     def boundary_triangles(self) -> np.ndarray:
         """Faces of one tetrahedron only, (k, 3), oriented outward."""
         tet, face = np.nonzero(self.neighbours < 0)
