@@ -28,6 +28,9 @@ logger = logging.getLogger(__name__)
 
 LEVELS = 6
 ITERATIONS = 4
+STEADY = 0.02
+"""Pull towards the most inward line of each node, as a share of the smoothing: without it a coarse
+net may drift as a whole, since the level only holds it along the gradient."""
 LAGGING = 0.5
 """Share of the level below which a node counts as held back."""
 RAY_PULL = 30.0
@@ -273,6 +276,8 @@ def solve_front(
     degree = stiffness.diagonal()
     pull = 3.0 * degree + frame.area / (0.01 * diagonal) ** 2
     blocks = sparse.kron(stiffness, sparse.eye(3), format="csr")
+    across = np.eye(3) - frame.direction[:, :, None] * frame.direction[:, None, :]
+    across = STEADY * degree[:, None, None] * across
     displacement = 1e-3 * diagonal * frame.direction
     displacement *= np.minimum(1.0, 0.5 * frame.spacing / (1e-3 * diagonal))[:, None]
     rows = 3 * np.arange(n)[:, None, None] + np.arange(3)[:, None] + np.zeros(3, dtype=int)
@@ -280,7 +285,7 @@ def solve_front(
 
     def solve(normal: np.ndarray, goal: np.ndarray, rho: np.ndarray) -> np.ndarray:
         """Smoothest displacements with n . D drawn to a goal with weight rho."""
-        outer = rho[:, None, None] * normal[:, :, None] * normal[:, None, :]
+        outer = across + rho[:, None, None] * normal[:, :, None] * normal[:, None, :]
         matrix = blocks + sparse.csr_matrix(
             (outer.ravel(), (rows.ravel(), columns.ravel())), shape=(3 * n, 3 * n)
         )
@@ -291,9 +296,10 @@ def solve_front(
     for step in range(1, LEVELS + 2):
         level = w0 * min(step, LEVELS) / LEVELS
         if step > LEVELS:
-            # where the net is coarse a corner far from the level is held back by its neighbours
+            # where the net is coarse a corner far from the level is held back by its neighbours,
+            # and a node may have been pushed out of the body
             w, _, inside = field.evaluate(frame.nodes + displacement)
-            behind = inside & (w < LAGGING * w0)
+            behind = ~inside | (w < LAGGING * w0)
             if not behind.any():
                 break
             lengths[behind] = _ray_lengths(field, frame, behind, w0, diagonal)
