@@ -9,10 +9,15 @@ import numpy as np
 import pytest
 import variants
 
-from HybridVolume.core import pipeline
+from HybridVolume.core import growth, pipeline
 from HybridVolume.core.assembly import build_surface
 from HybridVolume.core.pipeline import Options, complete
-from HybridVolume.errors import HybridVolumeError, InputError, SelfIntersectionError
+from HybridVolume.errors import (
+    HybridVolumeError,
+    InputError,
+    SelfIntersectionError,
+    ThicknessError,
+)
 
 CASES = {
     "box": (bodies.box(spans=(6, 4, 2)), 0.45),
@@ -141,3 +146,29 @@ def test_a_wrong_balance_is_a_fault(monkeypatch):
     monkeypatch.setattr(pipeline, "gap_volume", lambda interface, shell: 1.0)
     with pytest.raises(pipeline.FaultError):
         complete(build_surface(list(bodies.box(spans=(3, 2, 1)).faces)), Options(w0=0.3))
+
+
+def test_a_thin_start_grows_to_a_proved_shell(monkeypatch):
+    """The last resort: without a usable front the shell grows from a thin one."""
+    monkeypatch.setattr(growth._Grower, "from_front", lambda self, level: None)
+    told = []
+    body = bodies.box(spans=(6, 4, 2))
+    volume = complete(
+        build_surface(list(body.faces)),
+        Options(w0=0.4),
+        lambda stage, share, text: told.append(text),
+    )
+    assert any("thin start" in text for text in told)
+    assert volume.certificate.all_valid
+    assert volume.shell.w0 >= 0.3
+    assert "grown from a thin start" in volume.shell.notes
+
+
+def test_no_shell_at_all_names_the_faces(monkeypatch):
+    monkeypatch.setattr(growth._Grower, "from_front", lambda self, level: None)
+    monkeypatch.setattr(growth, "THIN_STARTS", (40.0,))
+    body = bodies.box(spans=(3, 2, 1))
+    with pytest.raises(ThicknessError) as refusal:
+        complete(build_surface(list(body.faces)), Options(w0=0.4))
+    assert refusal.value.faces
+    assert refusal.value.remedy
