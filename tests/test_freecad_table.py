@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""Real bodies through the command line: what must be reached, and what must be refused.
+
+Volumes and genus were computed by others than this project's code, or are exact.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from HybridVolume import job
+from HybridVolume.errors import SetupError
+
+try:
+    from HybridVolume.freecad_python import import_freecad
+
+    import_freecad()
+except SetupError as missing:
+    pytest.skip(missing.message, allow_module_level=True)
+
+PROJECT = Path(__file__).resolve().parent.parent
+FANDISK = PROJECT / "resources" / "examples" / "fandisk.step"
+
+
+def run(body, folder):
+    try:
+        python = job.worker_python()
+    except SetupError as missing:
+        pytest.skip(missing.line)
+    return subprocess.run(
+        [sys.executable, "-P", "-m", "HybridVolume", str(body), "-o", str(folder)],
+        env={**os.environ, "PYTHONPATH": str(PROJECT), "HYBRIDVOLUME_PYTHON": python},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=230,
+    )
+
+
+def check(report, volume, genus, least):
+    shell = report["shell"]
+    assert report["input"]["volume"] == pytest.approx(volume, rel=1e-6)
+    assert report["input"]["genus"] == [genus]
+    assert shell["valid"] == shell["elements"] > 0
+    assert shell["undecided"] == shell["invalid"] == 0
+    assert shell["min_bernstein"] > 0.0
+    assert shell["embedded"] is True
+    assert shell["w0"] >= least
+    assert report["interior"]["boundary_exact"] is True
+    parts = shell["volume"] + report["interior"]["volume"] + report["interface"]["gap_volume"]
+    assert parts == pytest.approx(report["input"]["volume"], rel=1e-9)
+    assert report["fem"]["min_scaled_jacobian"] > 0.0
+    assert report["fem"]["faces_covered"] == report["input"]["faces"]
+    assert shell["boundary_deviation"] <= 1e-12 * report["input"]["volume"] ** (1 / 3)
+
+
+def test_fandisk(tmp_path):
+    answer = run(FANDISK, tmp_path / "out")
+    assert answer.returncode == 0, answer.stderr
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["input"]["patches"] == 108
+    check(report, 20.2356814, 0, 0.3)
+    ccx = shutil.which("ccx")
+    if ccx is None:
+        pytest.skip("CalculiX (ccx) is not installed")
+    solved = subprocess.run(
+        [ccx, "fandisk"], cwd=tmp_path / "out", capture_output=True, text=True, timeout=200
+    )
+    assert solved.returncode == 0, solved.stdout[-2000:]
+    assert "nonpositive jacobian" not in solved.stdout
+    assert "Job finished" in solved.stdout
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize(
+    ("name", "volume", "genus", "least"),
+    [
+        ("chair_stand", 0.050042467, 2, 0.45),
+        ("terrific_part_02", 0.00371655207, 2, 0.35),
+        ("twisted_fichera", 2.15175941, 0, 0.4),
+        ("twisted_pipe", 2.07566115, 0, 0.4),
+        ("torus", 39.4786933, 1, 0.45),
+    ],
+)
+def test_untrimmed_bodies(name, volume, genus, least, shared_data, tmp_path):
+    answer = run(shared_data / "untrimmed" / f"{name}.step", tmp_path / "out")
+    assert answer.returncode == 0, answer.stderr
+    check(json.loads((tmp_path / "out" / "report.json").read_text()), volume, genus, least)
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize(
+    ("name", "faces", "words"),
+    [
+        # a disc as one patch: flat corners, det J = 0 for any shell
+        ("untrimmed/pole.step", ("Face5", "Face10"), "singular"),
+        # doubled control points: the derivative vanishes along a line
+        ("untrimmed/horseshoe.step", ("Face4", "Face5", "Face6"), "singular"),
+        ("untrimmed/g_shape.step", ("Face2", "Face4", "Face5", "Face6"), "singular"),
+        ("untrimmed/moebius_torus.step", ("Face1", "Face2"), "no direction is inward"),
+        ("untrimmed/tesla_t_junctions.step", ("Face20",), "two neighbours"),
+        ("trimmed/trimmed_cube.brep", (), "trimmed"),
+        ("trimmed/component8.step", (), "trimmed"),
+        ("trimmed/linkrods.step", (), "seam"),
+        ("trimmed/as1.step", (), "trimmed"),
+    ],
+)
+def test_refused_by_name(name, faces, words, shared_data, tmp_path):
+    answer = run(shared_data / name, tmp_path / "out")
+    assert answer.returncode == 2, answer.stderr
+    lines = answer.stderr.strip().splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith("error: Face")
+    assert words in lines[0]
+    for face in faces:
+        assert face in lines[0]
+    assert not (tmp_path / "out").exists()
