@@ -203,3 +203,34 @@ def test_adaptive_triangles_are_closed_and_on_the_surface():
     assert enclosed_volume(mesh.vertices, mesh.triangles) == pytest.approx(body.volume, rel=0.02)
     length = np.linalg.norm(mesh.vertices[sides[:, 1]] - mesh.vertices[sides[:, 0]], axis=1)
     assert length.max() < 0.5
+
+
+def test_domain_without_any_mesher(monkeypatch):
+    """When every mesher fails, tetrahedra are carved out of the Delaunay triangulation."""
+    refused = tetmesh.door.MesherError("no")
+
+    def fail(*_, **__):
+        raise refused
+
+    monkeypatch.setattr("HybridVolume.core.harmonic_domain.fill", fail)
+    for name in ("L", "torus"):
+        surface = surface_of(name)
+        field = solve_harmonic(surface, axis_of(name), tets=10_000)
+        check_field(field)
+        assert not field.embedded and field.mesh.engine == "delaunay"
+        assert field.mesh.volume == pytest.approx(surface.volume(), rel=0.02)
+        assert field.isosurface_genus(0.5) == surface.genus
+
+
+def test_holes_and_missing_handles_are_mended():
+    """A sheet with a hole, and a ring that is not closed: the isosurfaces look like the body."""
+    m = axis_of("box")
+    centre = m.vertices[m.facets].mean(axis=1)
+    hole = np.hypot(centre[:, 0] - 2.0, centre[:, 1] - 1.0) < 0.25
+    field = solve_harmonic(surface_of("box"), replace(m, kept=m.kept & ~hole), tets=20_000)
+    assert field.largest_level((0,), 0.9) == pytest.approx(0.9)
+    m = axis_of("torus")
+    centre = m.vertices[m.facets].mean(axis=1)
+    gap = np.abs(np.arctan2(centre[:, 1], centre[:, 0])) < 0.5
+    field = solve_harmonic(surface_of("torus"), replace(m, kept=m.kept & ~gap), tets=20_000)
+    assert field.largest_level((1,), 0.9) == pytest.approx(0.9)

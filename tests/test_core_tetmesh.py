@@ -13,7 +13,7 @@ from HybridVolume.core.tetmesh.mesh import FACES, row_keys
 from HybridVolume.core.tetmesh.split import refine, separate_boundary
 from HybridVolume.errors import MesherError, SetupError
 
-CONFORMING = [name for name in tetmesh.available_engines(free=False) if name != "pytetwild"]
+CONFORMING = [name for name in tetmesh.available_engines() if name != "pytetwild"]
 
 
 def icosphere(rounds: int, radius: float = 1.0) -> tuple[np.ndarray, np.ndarray]:

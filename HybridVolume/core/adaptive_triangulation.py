@@ -56,10 +56,7 @@ def adaptive_triangulation(
         Stop there.
     rounds : int
     """
-    mesh = surface.triangulation_at(*_base_lines(surface))
-    current = AdaptiveTriangles(
-        mesh.vertices, mesh.triangles, mesh.triangle_patch, _corner_parameters(mesh)
-    )
+    current = from_grid(surface.triangulation_at(*_base_lines(surface)))
     for _ in range(rounds):
         if len(current.triangles) >= max_triangles:
             break
@@ -78,6 +75,30 @@ def adaptive_triangulation(
             break
         current = _split(current, edges, chosen)
     return current
+
+
+def split_triangles(
+    surface: PatchSurface, mesh: AdaptiveTriangles, which: np.ndarray
+) -> AdaptiveTriangles:
+    """Split the longest edges of some triangles, with the triangles on their other sides.
+
+    Parameters
+    ----------
+    surface : PatchSurface
+    mesh : AdaptiveTriangles
+    which : (k,) int array
+    """
+    edges = _Edges(surface, mesh)
+    sides = edges.of_triangle[which]
+    longest = sides[np.arange(len(which)), edges.length[sides].argmax(axis=1)]
+    return _split(mesh, edges, np.unique(longest))
+
+
+def from_grid(mesh: SurfaceMesh) -> AdaptiveTriangles:
+    """A triangulation over parameter grids in this form."""
+    return AdaptiveTriangles(
+        mesh.vertices, mesh.triangles, mesh.triangle_patch, _corner_parameters(mesh)
+    )
 
 
 def _base_lines(surface: PatchSurface) -> tuple[list[np.ndarray], list[np.ndarray]]:

@@ -5,18 +5,25 @@
 from __future__ import annotations
 
 import logging
+import time
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..errors import FaultError, MesherError
-from .adaptive_triangulation import AdaptiveTriangles, adaptive_triangulation
+from ..errors import FaultError, HybridVolumeError, MesherError
+from .adaptive_triangulation import (
+    AdaptiveTriangles,
+    adaptive_triangulation,
+    from_grid,
+    split_triangles,
+)
 from .intersection import self_intersections
 from .midstructure import Midstructure
 from .midstructure.simplify import Complex, simplify, spread
 from .surface import PatchSurface
-from .tetmesh import TetMesh, fill
+from .tetmesh import TetMesh, available_engines, fill
+from .tetmesh.carve import carve
 from .tetmesh.split import refine, separate_boundary
 
 log = logging.getLogger(__name__)
@@ -51,7 +58,7 @@ def build_domain(
     tets: int = 40_000,
     engine: str = "auto",
     free: bool | None = None,
-    time_limit: float = 30.0,
+    time_limit: float = 20.0,
 ) -> Domain:
     """Tetrahedra of the triangulated surface with the kept facets inside (section 3.1).
 
@@ -67,7 +74,9 @@ def build_domain(
     kept = midstructure.facets[midstructure.kept]
     if not len(kept):
         raise FaultError("no facet of the midstructure is kept", remedy="keep at least one sheet")
-    size = _Size.fitted(surface, midstructure, tets)
+    # netgen's time goes with the number of triangles; the tetrahedra are refined afterwards
+    first = engine if engine != "auto" else next(iter(available_engines(free=free)), "")
+    size = _Size.fitted(surface, midstructure, tets if first == "gmsh" else tets // 2)
     options = {"free": free, "time_limit": time_limit}
     boundary = _clean_boundary(surface, size, tets // 4)
     if boundary is None or engine == "pytetwild":
@@ -75,10 +84,11 @@ def build_domain(
         boundary = boundary or adaptive_triangulation(
             surface, size.on_surface, max_triangles=tets // 2
         )
-        return _by_distance(boundary, midstructure, tets, "pytetwild", options)
+        return _by_distance(surface, boundary, midstructure, tets, "pytetwild", options)
     outer = (boundary.vertices, boundary.triangles)
     complex_ = simplify(midstructure, size.on_midstructure, outer)
     count = len(boundary.vertices)
+    started = time.perf_counter()
     try:
         mesh = fill(
             np.vstack([boundary.vertices, complex_.vertices]),
@@ -90,7 +100,10 @@ def build_domain(
         )
     except MesherError as error:
         log.info("the midstructure is found by distance, its facets were refused: %s", error)
-        return _by_distance(boundary, midstructure, tets, engine, options)
+        quick = time.perf_counter() - started < 0.5 * time_limit
+        return _by_distance(
+            surface, boundary, midstructure, tets, engine if quick else "none", options
+        )
     return _finish(mesh, complex_.triangles + count, complex_, size.middle, tets, True)
 
 
@@ -142,21 +155,31 @@ class _Size:
 
 
 def _clean_boundary(surface: PatchSurface, size: _Size, budget: int) -> AdaptiveTriangles | None:
-    """Triangles of the surface that do not cut themselves, or None."""
-    for finer in (1.0, 0.5, 0.25):
-        mesh = adaptive_triangulation(
-            surface,
-            lambda points, finer=finer: finer * size.on_surface(points),
-            max_triangles=int(budget / finer**2),
-        )
+    """Triangles of the surface that do not cut themselves, or None.
+
+    Coarse triangles may cut each other where the surface does not: there they are split. Even
+    grids are the other way, good for parametrisations that nearly fold.
+    """
+    mesh = adaptive_triangulation(surface, size.on_surface, max_triangles=budget)
+    for _ in range(10):
         pairs = self_intersections(mesh.vertices, mesh.triangles)
         if not len(pairs):
             return mesh
         log.info("%d pairs of %d triangles cross", len(pairs), len(mesh.triangles))
+        if len(pairs) > 0.1 * len(mesh.triangles) or len(mesh.triangles) > 4 * budget:
+            break
+        mesh = split_triangles(surface, mesh, np.unique(pairs))
+    for cells in (2, 3, 4, 8):
+        grid = surface.triangulation(cells)
+        if len(grid.triangles) > 4 * budget:
+            break
+        if not len(self_intersections(grid.vertices, grid.triangles)):
+            return from_grid(grid)
     return None
 
 
 def _by_distance(
+    surface: PatchSurface,
     boundary: AdaptiveTriangles,
     midstructure: Midstructure,
     tets: int,
@@ -168,18 +191,30 @@ def _by_distance(
     points, radius = midstructure.vertices[used], midstructure.radius[used]
     pick = spread(points, BALL * radius)
     rest = Complex(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), points[pick], radius[pick])
-    given = boundary.vertices, boundary.triangles
     mesh = None
-    if engine != "pytetwild":
-        try:
-            mesh = fill(*given, engine=engine, optimise=False, **options)
-        except MesherError as error:
-            log.info("pytetwild takes over: %s", error)
-    if mesh is None:
+    if engine != "none":
         # an envelope mesher is some ten times as slow
-        slow = {**options, "time_limit": 4.0 * options["time_limit"]}
-        mesh = fill(*given, engine="pytetwild", optimise=False, **slow)
+        patience = options["time_limit"] * (4.0 if engine == "pytetwild" else 1.0)
+        options = {**options, "time_limit": patience, "engine": engine, "optimise": False}
+        try:
+            mesh = fill(boundary.vertices, boundary.triangles, **options)
+        except HybridVolumeError as error:
+            log.info("%s", error)
+    if mesh is None:
+        mesh = _carved(surface, boundary, points[pick])
     return _finish(mesh, rest.triangles, rest, cKDTree(points), tets, False)
+
+
+def _carved(surface: PatchSurface, boundary: AdaptiveTriangles, inner: np.ndarray) -> TetMesh:
+    """Delaunay tetrahedra of the surface's vertices; triangles that they miss are split."""
+    mesh, missing = carve(boundary.vertices, boundary.triangles, inner)
+    for _ in range(4):
+        if len(missing) < 0.005 * len(boundary.triangles):
+            break
+        boundary = split_triangles(surface, boundary, missing)
+        mesh, missing = carve(boundary.vertices, boundary.triangles, inner)
+    log.info("carved out of the Delaunay tetrahedra: %d, %d faces missed", len(mesh), len(missing))
+    return mesh
 
 
 def _finish(
@@ -199,7 +234,7 @@ def _finish(
             distance, nearest = tree.query(points)
             return np.maximum(1.2 * radius[nearest], 0.8 * (distance - radius[nearest]))
 
-        mesh, facets = refine(mesh, size, facets, max_tets=3 * tets)
+        mesh, facets = refine(mesh, size, facets, max_tets=max(2 * tets, len(mesh)))
     mesh, facets = separate_boundary(mesh, facets)
     mesh, facets = _filled_up(mesh, facets, middle, tets)
     inner = _inner(mesh, facets, rest, radius)
