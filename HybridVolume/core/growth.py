@@ -227,19 +227,20 @@ class _Grower:
         else:
             first = self.settle(front, target, 0.1 * FIDELITIES[0])
         self.report(0.4, f"repaired, w = {first.mean:.3g}")
-        best = first if first.accepted else None
+        best, polished = (first if first.accepted else None), False
         for number, fidelity in enumerate(FIDELITIES):
             # what only improves an accepted state is not worth many repairs
             repairs = REPAIRS if best is None or number == 0 else 2
             state = self.advance(best or first, level, fidelity, repairs)
             self.report(0.5 + 0.1 * number, f"elements optimised, w = {state.mean:.3g}")
-            # the first optimised state counts for its quality, whatever its level
-            gained = number == 0 or best is None or state.off(level) < 0.95 * best.off(level)
+            # the first optimised state counts for its quality, whatever its level; where it fails
+            # a stronger pull may hold the shell nearer to the front, which was sound
+            gained = not polished or best is None or state.off(level) < 0.95 * best.off(level)
             if state.accepted and gained:
-                best = state
-            elif best is not None:
+                best, polished = state, True
+            elif best is not None and number:
                 break
-            if best is not None and best.off(level) < CLOSE:
+            if polished and best.off(level) < CLOSE:
                 break
         return best
 
