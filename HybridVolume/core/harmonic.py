@@ -186,7 +186,7 @@ def solve_harmonic(
     tets: int = 40_000,
     engine: str = "auto",
     free: bool | None = None,
-    time_limit: float = 20.0,
+    time_limit: float = 15.0,
 ) -> HarmonicField:
     """Solve Laplace's equation between the surface and the midstructure.
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,7 +59,7 @@ def build_domain(
     tets: int = 40_000,
     engine: str = "auto",
     free: bool | None = None,
-    time_limit: float = 20.0,
+    time_limit: float = 15.0,
 ) -> Domain:
     """Tetrahedra of the triangulated surface with the kept facets inside (section 3.1).
 
@@ -78,33 +79,36 @@ def build_domain(
     first = engine if engine != "auto" else next(iter(available_engines(free=free)), "")
     size = _Size.fitted(surface, midstructure, tets if first == "gmsh" else tets // 2)
     options = {"free": free, "time_limit": time_limit}
-    boundary = _clean_boundary(surface, size, tets // 4)
-    if boundary is None or engine == "pytetwild":
+    boundaries: list[AdaptiveTriangles] = []
+    quick = True
+    for boundary in () if engine == "pytetwild" else _boundaries(surface, size, tets // 4):
+        boundaries.append(boundary)
+        complex_ = simplify(
+            midstructure, size.on_midstructure, (boundary.vertices, boundary.triangles)
+        )
+        facets = complex_.triangles + len(boundary.vertices)
+        started = time.perf_counter()
+        try:
+            mesh = fill(
+                np.vstack([boundary.vertices, complex_.vertices]),
+                boundary.triangles,
+                facets=facets,
+                engine=engine,
+                optimise=False,
+                **options,
+            )
+        except MesherError as error:
+            log.info("the facets of the midstructure were refused: %s", error)
+            quick &= time.perf_counter() - started < 0.5 * time_limit
+            continue
+        return _finish(mesh, facets, complex_, size.middle, tets, True)
+    if not boundaries:
         log.info("the triangulated surface cuts itself: pytetwild, midstructure by distance")
-        boundary = boundary or adaptive_triangulation(
-            surface, size.on_surface, max_triangles=tets // 2
-        )
-        return _by_distance(surface, boundary, midstructure, tets, "pytetwild", options)
-    outer = (boundary.vertices, boundary.triangles)
-    complex_ = simplify(midstructure, size.on_midstructure, outer)
-    count = len(boundary.vertices)
-    started = time.perf_counter()
-    try:
-        mesh = fill(
-            np.vstack([boundary.vertices, complex_.vertices]),
-            boundary.triangles,
-            facets=complex_.triangles + count,
-            engine=engine,
-            optimise=False,
-            **options,
-        )
-    except MesherError as error:
-        log.info("the midstructure is found by distance, its facets were refused: %s", error)
-        quick = time.perf_counter() - started < 0.5 * time_limit
-        return _by_distance(
-            surface, boundary, midstructure, tets, engine if quick else "none", options
-        )
-    return _finish(mesh, complex_.triangles + count, complex_, size.middle, tets, True)
+        engine = "pytetwild"
+        boundaries = [adaptive_triangulation(surface, size.on_surface, max_triangles=tets // 2)]
+    elif not quick:
+        engine = "none"
+    return _by_distance(surface, boundaries[0], midstructure, tets, engine, options)
 
 
 @dataclass(frozen=True)
@@ -154,28 +158,31 @@ class _Size:
         return np.clip(0.5 * self.share * radius, self.smallest, self.largest)
 
 
-def _clean_boundary(surface: PatchSurface, size: _Size, budget: int) -> AdaptiveTriangles | None:
-    """Triangles of the surface that do not cut themselves, or None.
+def _boundaries(surface: PatchSurface, size: _Size, budget: int) -> Iterator[AdaptiveTriangles]:
+    """Triangulations of the surface that do not cut themselves.
 
-    Coarse triangles may cut each other where the surface does not: there they are split. Even
-    grids are the other way, good for parametrisations that nearly fold.
+    Coarse triangles may cut each other where the surface does not: there they are split. An even
+    grid is the other way, good for parametrisations that nearly fold.
     """
     mesh = adaptive_triangulation(surface, size.on_surface, max_triangles=budget)
     for _ in range(10):
         pairs = self_intersections(mesh.vertices, mesh.triangles)
         if not len(pairs):
-            return mesh
+            yield mesh
+            break
         log.info("%d pairs of %d triangles cross", len(pairs), len(mesh.triangles))
         if len(pairs) > 0.1 * len(mesh.triangles) or len(mesh.triangles) > 4 * budget:
             break
         mesh = split_triangles(surface, mesh, np.unique(pairs))
-    for cells in (2, 3, 4, 8):
+    spans = surface.element_count
+    even = max(2, round((budget / 4 / spans) ** 0.5))
+    for cells in dict.fromkeys((even, 2 * even, 3, 2)):
+        if 2 * spans * cells**2 > 4 * budget and cells > 2:
+            continue
         grid = surface.triangulation(cells)
-        if len(grid.triangles) > 4 * budget:
-            break
         if not len(self_intersections(grid.vertices, grid.triangles)):
-            return from_grid(grid)
-    return None
+            yield from_grid(grid)
+            break
 
 
 def _by_distance(
@@ -186,7 +193,10 @@ def _by_distance(
     engine: str,
     options: dict,
 ) -> Domain:
-    """The domain without facets: w = 1 within a share of the radius around the kept facets."""
+    """The domain without facets: w = 1 within a share of the radius around the kept facets.
+
+    ``engine`` may be ``"none"``: the tetrahedra are carved out of a Delaunay triangulation.
+    """
     used = np.unique(midstructure.facets[midstructure.kept])
     points, radius = midstructure.vertices[used], midstructure.radius[used]
     pick = spread(points, BALL * radius)
