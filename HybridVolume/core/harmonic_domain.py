@@ -6,8 +6,9 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import count
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -23,7 +24,7 @@ from .intersection import self_intersections
 from .midstructure import Midstructure
 from .midstructure.simplify import Complex, simplify, spread
 from .surface import PatchSurface
-from .tetmesh import TetMesh, available_engines, fill
+from .tetmesh import CONFORMING, TetMesh, available_engines, fill
 from .tetmesh.carve import carve
 from .tetmesh.split import refine, separate_boundary
 
@@ -75,40 +76,60 @@ def build_domain(
     kept = midstructure.facets[midstructure.kept]
     if not len(kept):
         raise FaultError("no facet of the midstructure is kept", remedy="keep at least one sheet")
+    engines = [engine]
+    if engine == "auto":
+        engines = [name for name in available_engines(free=free) if name in CONFORMING]
     # netgen's time goes with the number of triangles; the tetrahedra are refined afterwards
-    first = engine if engine != "auto" else next(iter(available_engines(free=free)), "")
-    size = _Size.fitted(surface, midstructure, tets if first == "gmsh" else tets // 2)
+    size = _Size.fitted(surface, midstructure, tets if "gmsh" in engines else tets // 2)
     options = {"free": free, "time_limit": time_limit}
-    boundaries: list[AdaptiveTriangles] = []
+    prepared: list[tuple[AdaptiveTriangles, Complex]] = []
     quick = True
-    for boundary in () if engine == "pytetwild" else _boundaries(surface, size, tets // 4):
-        boundaries.append(boundary)
-        complex_ = simplify(
-            midstructure, size.on_midstructure, (boundary.vertices, boundary.triangles)
-        )
-        facets = complex_.triangles + len(boundary.vertices)
-        started = time.perf_counter()
-        try:
-            mesh = fill(
-                np.vstack([boundary.vertices, complex_.vertices]),
-                boundary.triangles,
-                facets=facets,
-                engine=engine,
-                optimise=False,
-                **options,
-            )
-        except MesherError as error:
-            log.info("the facets of the midstructure were refused: %s", error)
-            quick &= time.perf_counter() - started < 0.5 * time_limit
-            continue
-        return _finish(mesh, facets, complex_, size.middle, tets, True)
-    if not boundaries:
+    if engine != "pytetwild":
+        source = _boundaries(surface, size, tets // 4)
+        for name, (boundary, complex_) in _attempts(
+            engines,
+            source,
+            prepared,
+            lambda outer: simplify(midstructure, size.on_midstructure, outer),
+        ):
+            facets = complex_.triangles + len(boundary.vertices)
+            vertices = np.vstack([boundary.vertices, complex_.vertices])
+            given = {"facets": facets, "engine": name, "optimise": False, **options}
+            started = time.perf_counter()
+            try:
+                mesh = fill(vertices, boundary.triangles, **given)
+            except MesherError as error:
+                log.info("the facets of the midstructure were refused: %s", error)
+                quick &= time.perf_counter() - started < 0.5 * time_limit
+                continue
+            return _finish(mesh, facets, complex_, size.middle, tets, True)
+    if prepared:
+        boundary, engine = prepared[0][0], engine if quick and engines else "none"
+    else:
         log.info("the triangulated surface cuts itself: pytetwild, midstructure by distance")
+        boundary = adaptive_triangulation(surface, size.on_surface, max_triangles=tets // 2)
         engine = "pytetwild"
-        boundaries = [adaptive_triangulation(surface, size.on_surface, max_triangles=tets // 2)]
-    elif not quick:
-        engine = "none"
-    return _by_distance(surface, boundaries[0], midstructure, tets, engine, options)
+    return _by_distance(surface, boundary, midstructure, tets, engine, options)
+
+
+def _attempts(
+    engines: Sequence[str],
+    source: Iterator[AdaptiveTriangles],
+    prepared: list[tuple[AdaptiveTriangles, Complex]],
+    embed: Callable[[tuple[np.ndarray, np.ndarray]], Complex],
+) -> Iterator[tuple[str, tuple[AdaptiveTriangles, Complex]]]:
+    """Every mesher with every triangulation, which are made when they are asked for."""
+    for name in engines or ["none"]:
+        for k in count():
+            if k == len(prepared):
+                boundary = next(source, None)
+                if boundary is None:
+                    break
+                prepared.append((boundary, embed((boundary.vertices, boundary.triangles))))
+            if name != "none":
+                yield name, prepared[k]
+            elif k == 0:
+                break
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 # SPDX-FileCopyrightText: The HybridVolume authors
 """Tetrahedra: one door to the meshers, each of which runs in a process of its own."""
 
-from .door import available_engines, enclosed_volume, fill, free_only
+from .door import CONFORMING, available_engines, enclosed_volume, fill, free_only
 from .mesh import TetMesh
 
-__all__ = ["TetMesh", "available_engines", "enclosed_volume", "fill", "free_only"]
+__all__ = ["CONFORMING", "TetMesh", "available_engines", "enclosed_volume", "fill", "free_only"]
