@@ -60,21 +60,86 @@ def check(report, volume, genus, least):
     assert shell["boundary_deviation"] <= 1e-12 * report["input"]["volume"] ** (1 / 3)
 
 
-def test_fandisk(tmp_path):
-    answer = run(FANDISK, tmp_path / "out")
+@pytest.fixture(scope="module")
+def fandisk(tmp_path_factory):
+    """Folder of the example's results."""
+    folder = tmp_path_factory.mktemp("fandisk") / "out"
+    answer = run(FANDISK, folder)
     assert answer.returncode == 0, answer.stderr
-    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    return folder
+
+
+def test_fandisk(fandisk):
+    report = json.loads((fandisk / "report.json").read_text())
     assert report["input"]["patches"] == 108
     check(report, 20.2356814, 0, 0.3)
-    ccx = shutil.which("ccx")
-    if ccx is None:
-        pytest.skip("CalculiX (ccx) is not installed")
+
+
+needs_ccx = pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX (ccx) is absent")
+
+
+@needs_ccx
+def test_fandisk_deck_is_solved(fandisk, tmp_path):
+    shutil.copy(fandisk / "fandisk.inp", tmp_path)
     solved = subprocess.run(
-        [ccx, "fandisk"], cwd=tmp_path / "out", capture_output=True, text=True, timeout=200
+        ["ccx", "fandisk"], cwd=tmp_path, capture_output=True, text=True, timeout=200
     )
     assert solved.returncode == 0, solved.stdout[-2000:]
     assert "nonpositive jacobian" not in solved.stdout
     assert "Job finished" in solved.stdout
+
+
+@needs_ccx
+def test_fandisk_in_the_fem_workbench(fandisk, tmp_path):
+    """Two faces at opposite ends, one fixed and one loaded, through FreeCAD's own tools."""
+    import FreeCAD
+    import ObjectsFem
+    from femtools import ccxtools
+
+    path = tmp_path / "fandisk.FCStd"
+    shutil.copy(fandisk / "fandisk.FCStd", path)
+    doc = FreeCAD.openDocument(str(path))
+    try:
+        mesh = next(
+            o
+            for o in doc.Objects
+            if o.isDerivedFrom("Fem::FemMeshObject") and "Interface" in getattr(o, "Groups", ())
+        )
+        body = mesh.Shape
+        centre = [face.CenterOfMass.x for face in body.Shape.Faces]
+        ends = [centre.index(least(centre)) + 1 for least in (min, max)]
+        fixed = ObjectsFem.makeConstraintFixed(doc)
+        fixed.References = [(body, f"Face{ends[0]}")]
+        pressure = ObjectsFem.makeConstraintPressure(doc)
+        pressure.References = [(body, f"Face{ends[1]}")]
+        modern = hasattr(ObjectsFem, "makeSolverCalculiXCcxTools")
+        pressure.Pressure = "1 MPa" if modern else 1.0
+        steel = ObjectsFem.makeMaterialSolid(doc)
+        steel.Material = {"Name": "Steel", "YoungsModulus": "210000 MPa", "PoissonRatio": "0.3"}
+        make = ObjectsFem.makeSolverCalculiXCcxTools if modern else (
+            ObjectsFem.makeSolverCalculixCcxTools
+        )  # fmt: skip
+        solver = make(doc)
+        analysis = ObjectsFem.makeAnalysis(doc)
+        for member in (solver, steel, fixed, pressure, mesh):
+            analysis.addObject(member)
+        doc.recompute()
+        tools = ccxtools.FemToolsCcx(analysis, solver)
+        tools.update_objects()
+        tools.setup_working_dir(str(tmp_path))
+        tools.setup_ccx()
+        assert tools.check_prerequisites() == ""
+        tools.purge_results()
+        tools.write_inp_file()
+        assert tools.ccx_run() == 0
+        tools.load_results()
+        result = next(o for o in analysis.Group if o.isDerivedFrom("Fem::FemResultObject"))
+        assert len(result.NodeNumbers) == mesh.FemMesh.NodeCount
+        bent = max(result.DisplacementLengths)
+        # a stiff lump under 1 MPa: more than nothing, less than a hair
+        assert 1e-7 < bent < 1e-2
+    finally:
+        FreeCAD.closeDocument(doc.Name)
 
 
 @pytest.mark.shared
