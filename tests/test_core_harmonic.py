@@ -23,7 +23,7 @@ from HybridVolume.core.isosurface import genus_from_euler, isosurface_euler
 from HybridVolume.core.midstructure import Midstructure, Sheet
 from HybridVolume.core.tetmesh import TetMesh, enclosed_volume, fill
 
-ENGINES = [name for name in tetmesh.available_engines(free=False) if name != "pytetwild"]
+ENGINES = [name for name in tetmesh.available_engines() if name != "pytetwild"]
 
 
 def midstructure_of(vertices: np.ndarray, facets: np.ndarray, radius: float) -> Midstructure:

@@ -160,7 +160,8 @@ def test_thin_wall_keeps_its_sheet_beside_a_thick_block():
 
 
 def test_samples_are_denser_in_the_wall():
-    samples = sample_surface(surface_of("fin"), 16000)
+    surface = surface_of("fin")
+    samples = sample_surface(surface, 16000, smooth_groups(surface).of_patch)
     # rounding to whole numbers a patch may go beyond
     assert 8000 < len(samples.points) < 24000
     assert np.linalg.norm(samples.normals, axis=1) == pytest.approx(1.0)

@@ -72,8 +72,8 @@ def medial_axis(
     FaultError
         The samples show no interior at all.
     """
-    drawn = sample_surface(surface, samples, seed)
     groups = smooth_groups(surface)
+    drawn = sample_surface(surface, samples, groups.of_patch, seed)
     raw = interior_facets(drawn, 0.7 * NOISE_ANGLE, seed)
     facets = _Facets(raw, drawn, groups)
     candidate = facets.candidates(minimum_length)

@@ -50,7 +50,7 @@ class _Cells:
     area: np.ndarray
 
 
-def sample_surface(surface: PatchSurface, count: int, seed: int = 0) -> Samples:
+def sample_surface(surface: PatchSurface, count: int, group: np.ndarray, seed: int = 0) -> Samples:
     """About ``count`` samples: half of them even by area, the rest where the body is thin.
 
     Parameters
@@ -58,6 +58,8 @@ def sample_surface(surface: PatchSurface, count: int, seed: int = 0) -> Samples:
     surface : PatchSurface
     count : int
         Aimed at; every patch has at least one sample.
+    group : (np,) int array
+        Smooth group of every patch.
     seed : int
         The samples are jittered, but always the same.
     """
@@ -70,15 +72,36 @@ def sample_surface(surface: PatchSurface, count: int, seed: int = 0) -> Samples:
         asked = np.flatnonzero(_first_of(cell, 4))
         radius, opposite = inner_radius(samples, asked, SAMPLES_PER_RADIUS * even)
         np.minimum.at(thin, cell[asked], np.where(opposite, radius, np.inf))
-        # square bars have no opposite sides near: the largest ball of a face tells its width
-        widest = np.zeros(len(surface.patches))
-        np.maximum.at(widest, samples.patch[asked], radius)
-        thin = np.minimum(thin, widest[cells.patch])
+        # square bars have no opposite sides near: the largest ball around tells the width
+        reach = np.maximum(2.0 * radius, 3.0 * even)
+        widest = _widest_near(samples.points[asked], radius, reach, group[samples.patch[asked]])
+        np.minimum.at(thin, cell[asked], widest)
         wanted = np.clip(thin / SAMPLES_PER_RADIUS, FINEST * even, even)
         if (wanted >= 0.8 * spacing).all():
             return samples
         spacing = np.minimum(spacing, wanted)
     return _draw(surface, cells, _within(cells, spacing, count), seed)[0]
+
+
+def _widest_near(
+    points: np.ndarray, radius: np.ndarray, reach: np.ndarray, group: np.ndarray
+) -> np.ndarray:
+    """Largest ball on the way from each point to where the balls of its smooth group grow.
+
+    Beside an edge the balls are small although the body is not thin: a few steps of the given
+    reach lead away from it.
+    """
+    around = cKDTree(points).query_ball_point(points, reach)
+    size = np.array([len(a) for a in around])
+    near = np.concatenate([np.asarray(a, dtype=np.int64) for a in around])
+    owner = np.repeat(np.arange(len(points)), size)
+    same = group[near] == group[owner]
+    near, owner = near[same], owner[same]
+    start = np.searchsorted(owner, np.arange(len(points)))
+    widest = radius
+    for _ in range(6):
+        widest = np.maximum.reduceat(widest[near], start)
+    return widest
 
 
 def _first_of(group: np.ndarray, count: int) -> np.ndarray:
