@@ -77,7 +77,7 @@ def test_derived_arrays_of_a_cube():
 
 @pytest.mark.parametrize("engine", CONFORMING)
 def test_boundary_is_kept_exactly(engine):
-    x, f = icosphere(3)
+    x, f = icosphere(2)
     mesh = fill(x, f, engine=engine)
     assert mesh.engine == engine and mesh.exact
     assert np.array_equal(mesh.vertices[: len(x)], x)
@@ -120,13 +120,13 @@ def test_inner_facets_become_faces(engine, closed):
 
 @pytest.mark.parametrize("engine", CONFORMING)
 def test_smaller_size_gives_more_tetrahedra(engine):
-    x, f = icosphere(2)
+    x, f = icosphere(1)
     coarse = fill(x, f, engine=engine)
-    fine = fill(x, f, engine=engine, max_size=0.15)
+    fine = fill(x, f, engine=engine, max_size=0.25)
     assert len(fine) > 2 * len(coarse)
     a, b = fine.vertices[fine.edges].swapaxes(0, 1)
     inner = ~fine.on_boundary[fine.edges].any(axis=1)
-    assert np.median(np.linalg.norm(b - a, axis=1)[inner]) < 0.25
+    assert np.median(np.linalg.norm(b - a, axis=1)[inner]) < 0.35
 
 
 @pytest.mark.parametrize("engine", CONFORMING)
