@@ -120,13 +120,13 @@ def test_inner_facets_become_faces(engine, closed):
 
 @pytest.mark.parametrize("engine", CONFORMING)
 def test_smaller_size_gives_more_tetrahedra(engine):
-    x, f = icosphere(1)
-    coarse = fill(x, f, engine=engine)
-    fine = fill(x, f, engine=engine, max_size=0.25)
+    x, f = icosphere(2)
+    coarse = fill(x, f, engine=engine, optimise=False)
+    fine = fill(x, f, engine=engine, max_size=0.17, optimise=False)
     assert len(fine) > 2 * len(coarse)
     a, b = fine.vertices[fine.edges].swapaxes(0, 1)
     inner = ~fine.on_boundary[fine.edges].any(axis=1)
-    assert np.median(np.linalg.norm(b - a, axis=1)[inner]) < 0.35
+    assert np.median(np.linalg.norm(b - a, axis=1)[inner]) < 0.25
 
 
 @pytest.mark.parametrize("engine", CONFORMING)
