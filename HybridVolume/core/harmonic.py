@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from .harmonic_domain import Domain, build_domain
@@ -241,48 +239,3 @@ def solve_on(domain: Domain, genus_per_shell: Sequence[int] | None = None) -> Ha
     ) / np.maximum(weight, np.finfo(float).tiny)[:, None]  # fmt: skip
     log.info("harmonic field: %d tetrahedra, %d vertices (%s)", len(mesh), n, mesh.engine)
     return HarmonicField(mesh, w, gradient, fixed, domain.embedded)
-
-
-def release_islands(
-    field: HarmonicField, level: float, share: float = 0.03
-) -> tuple[HarmonicField, int]:
-    """Let go of parts of the midstructure that only lift the field near themselves.
-
-    Where a body is necked, {w > level} falls into pieces; a piece that holds next to none of the
-    volume is no part of the core, and the inner boundary needs no hole around it.
-
-    Parameters
-    ----------
-    field : HarmonicField
-    level : float
-    share : float
-        Largest share of the volume of {w > level} that counts as next to none.
-
-    Returns
-    -------
-    field : HarmonicField
-        Solved anew where anything was let go.
-    released : int
-        Number of pieces that were let go.
-    """
-    mesh, released = field.mesh, 0
-    inner = field.fixed.copy()
-    for _ in range(3):
-        above = field.w > level
-        edges = mesh.edges[above[mesh.edges].all(axis=1)]
-        n = len(mesh.vertices)
-        graph = sparse.coo_matrix((np.ones(len(edges)), edges.T), shape=(n, n))
-        _, piece = connected_components(graph, directed=False)
-        volume = np.repeat(mesh.volumes / 4.0, 4)
-        size = np.bincount(piece[mesh.tets.ravel()], volume * above[mesh.tets.ravel()], len(piece))
-        pieces = np.unique(piece[above])
-        slight = pieces[size[pieces] < share * size.sum()]
-        gone = inner & np.isin(piece, slight)
-        if not gone.any() or np.array_equal(gone, inner):
-            break
-        inner &= ~gone
-        released += len(np.unique(piece[gone]))
-        field = solve_on(Domain(mesh, inner, field.embedded))
-    if released:
-        log.info("%d parts of the midstructure let go: they only lift w near themselves", released)
-    return field, released

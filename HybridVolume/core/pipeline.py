@@ -15,7 +15,7 @@ from .finite_elements import build_finite_elements
 from .front import check_surface
 from .gap import gap_volume
 from .growth import grow_shell
-from .harmonic import release_islands, solve_harmonic
+from .harmonic import solve_harmonic
 from .hybrid import HybridVolume
 from .interior import Interior
 from .intersection import self_intersections
@@ -130,7 +130,7 @@ def complete(
     report("midstructure", 0.05, "medial axis")
     midstructure = medial_axis(body)
     report("field", 0.12, f"{midstructure.kept_sheets} sheets kept; harmonic field")
-    field, released = release_islands(solve_harmonic(body, midstructure), options.w0)
+    field = solve_harmonic(body, midstructure)
     report("shell", 0.3, f"{len(field.mesh.tets)} tetrahedra in the field; front")
     shell, certificate = grow_shell(
         body,
@@ -155,7 +155,6 @@ def complete(
             "vertices": len(field.mesh.vertices),
             "mesher": field.mesh.engine,
             "embedded": bool(field.embedded),
-            "released": released,
         },
         shell=shell,
         certificate=certificate,
