@@ -2,7 +2,7 @@
 # SPDX-FileCopyrightText: The HybridVolume authors
 """Seconds by stage of the command line, medians over some runs.
 
-``/usr/bin/python3 bench/stages.py resources/examples/fandisk.step --runs 3 [-- options of run.sh]``
+``/usr/bin/python3 bench/stages.py resources/examples/fandisk.step --runs 3 [options of run.sh]``
 """
 
 from __future__ import annotations
@@ -23,13 +23,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("body", type=Path)
     parser.add_argument("--runs", type=int, default=3)
-    parser.add_argument("options", nargs="*", help="passed on to run.sh")
-    arguments = parser.parse_args()
+    arguments, options = parser.parse_known_args()
     reports = []
     for _ in range(arguments.runs):
         with tempfile.TemporaryDirectory() as folder:
             out = Path(folder) / "out"
-            command = [PROJECT / "run.sh", arguments.body.resolve(), "-o", out, *arguments.options]
+            command = [PROJECT / "run.sh", arguments.body.resolve(), "-o", out, *options]
             answer = subprocess.run(command, capture_output=True, text=True)
             if answer.returncode:
                 sys.stderr.write(answer.stderr)
