@@ -426,9 +426,8 @@ def _layered(grower: _Grower, best: _State, layers: int) -> tuple[Shell, Certifi
     """Cut the columns into layers of equal volume and prove all elements once more."""
     surface, degree = grower.surface, grower.degree_w
     knots = bspline.clamped_knots(degree, layers)
-    certificate = best.certificate
-    for make in (equal_volume_layers, uniform_layers):
-        points = make(surface.control_points, best.d, degree, knots, surface=surface)
+    columns = (surface.control_points, best.d, degree, knots)
+    for points in (equal_volume_layers(*columns, surface), uniform_layers(*columns)):
         shell = Shell(surface, points, degree, knots)
         certificate = certify(shell.bezier_elements())
         if certificate.all_valid:

@@ -15,7 +15,6 @@ def uniform_layers(
     displacement: np.ndarray,
     degree: int,
     knots: np.ndarray,
-    surface: PatchSurface | None = None,
 ) -> np.ndarray:
     """Layers at the Greville abscissae: the map is linear in w.
 
@@ -26,8 +25,6 @@ def uniform_layers(
     degree : int
     knots : array
         Clamped, on [0, 1].
-    surface : PatchSurface, optional
-        Not needed here; the other choices of W do need it.
 
     Returns
     -------
@@ -54,7 +51,8 @@ def equal_volume_layers(
     V^-1 at the Greville abscissae; since all columns stay straight, det J only changes by the
     factor of the re-spacing.
 
-    Parameters and result as for :func:`uniform_layers`.
+    Parameters and result as for :func:`uniform_layers`, and the surface whose net gives the area
+    vectors.
     """
     shares = bspline.greville(degree, knots)
     uniform = uniform_layers(points, displacement, degree, knots)
