@@ -3,6 +3,16 @@
 """The midstructure of a body: facets on which the harmonic field is 1."""
 
 from .medial_axis import medial_axis
-from .sheets import Midstructure, Sheet
+from .search import METHODS, Search, find_midstructure
+from .sheets import Decision, Figures, Midstructure, Sheet
 
-__all__ = ["Midstructure", "Sheet", "medial_axis"]
+__all__ = [
+    "METHODS",
+    "Decision",
+    "Figures",
+    "Midstructure",
+    "Search",
+    "Sheet",
+    "find_midstructure",
+    "medial_axis",
+]
