@@ -13,7 +13,7 @@ from HybridVolume.core.assembly import build_surface
 from HybridVolume.core.cones import most_inward
 from HybridVolume.core.front import check_surface, column_frame
 from HybridVolume.core.growth import _nodal_matrix, _polynomial_correction
-from HybridVolume.core.levels import equal_volume_layers, uniform_layers
+from HybridVolume.core.levels import Spacing, spaced_layers, uniform_layers
 from HybridVolume.core.refinement import flatten_spans, insert_knots, split_spans
 from HybridVolume.core.shell import Shell
 from HybridVolume.core.untangle import ColumnEnergy
@@ -97,7 +97,7 @@ def test_equal_volume_layers_halve_a_shrunken_ball():
     displacement = -0.6 * surface.control_points
     knots = bspline.clamped_knots(3, 2)
     even = uniform_layers(surface.control_points, displacement, 3, knots)
-    equal = equal_volume_layers(surface.control_points, displacement, 3, knots, surface)
+    equal = spaced_layers(surface.control_points, displacement, 3, knots, surface)
     ratios = []
     for points in (even, equal):
         sizes = Shell(surface, points, 3, knots).element_volumes().reshape(-1, 2)

@@ -24,7 +24,7 @@ from . import bspline
 from .front import ColumnFrame, column_frame, solve_front
 from .harmonic import HarmonicField
 from .intersection import self_intersections
-from .levels import equal_volume_layers, uniform_layers
+from .levels import Spacing, spaced_layers, uniform_layers
 from .shell import Shell
 from .surface import PatchSurface
 from .untangle import ColumnEnergy, elements_with, optimise, points_of
@@ -360,6 +360,7 @@ def grow_shell(
     *,
     layers: int = 2,
     degree_w: int = 3,
+    spacing: Spacing | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> tuple[Shell, Certificate]:
     """A certified shell up to the level ``w0``, or the thickest one that could be proved.
@@ -375,6 +376,8 @@ def grow_shell(
         Bézier layers.
     degree_w : int
         Degree across the shell.
+    spacing : Spacing, optional
+        Heights of the layers; equal volumes otherwise.
     progress : callable, optional
         Called with a share of the work done and a text.
 
@@ -410,7 +413,8 @@ def grow_shell(
             f"w0 = {w0:.3g} was asked; the thickest shell that could be proved has a mean of"
             f" {best.mean:.3g}"
         )
-    shell, certificate = _layered(grower, best, layers)
+    shell, certificate, spaced = _layered(grower, best, layers, spacing or Spacing())
+    notes += spaced
     shell = replace(
         shell,
         w0_asked=w0,
@@ -422,16 +426,21 @@ def grow_shell(
     return shell, certificate
 
 
-def _layered(grower: _Grower, best: _State, layers: int) -> tuple[Shell, Certificate]:
-    """Cut the columns into layers of equal volume and prove all elements once more."""
+def _layered(
+    grower: _Grower, best: _State, layers: int, spacing: Spacing
+) -> tuple[Shell, Certificate, list[str]]:
+    """Cut the columns into layers and prove all elements once more; notes where that failed."""
     surface, degree = grower.surface, grower.degree_w
     knots = bspline.clamped_knots(degree, layers)
     columns = (surface.control_points, best.d, degree, knots)
-    for points in (equal_volume_layers(*columns, surface), uniform_layers(*columns)):
+    notes: list[str] = []
+    for wanted in dict.fromkeys((spacing, Spacing("distance"))):
+        points = spaced_layers(*columns, surface, wanted)
         shell = Shell(surface, points, degree, knots)
         certificate = certify(shell.bezier_elements())
         if certificate.all_valid:
-            return shell, certificate
+            return shell, certificate, notes
+        notes.append("layers of equal height: in the spacing asked not all elements are proved")
     raise errors.ThicknessError(
         f"{certificate.invalid + certificate.undecided} elements are not proved when the shell is"
         f" cut into {layers} layers",

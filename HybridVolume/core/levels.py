@@ -4,10 +4,71 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import dataclass
+
 import numpy as np
 
+from ..errors import InputError
 from . import bspline
 from .surface import PatchSurface
+
+STEEPEST = 8.0
+"""Largest ratio of the heights of two layers that follow each other."""
+
+
+@dataclass(frozen=True)
+class Spacing:
+    """How a column is cut into layers.
+
+    Attributes
+    ----------
+    kind : {"volume", "distance", "ratio", "first"}
+        Layers of equal volume, of equal height, each higher than the one before it (seen from the
+        outside) by one factor, or so that the outermost one has a given height.
+    value : float
+        The factor, or the height in mm.
+
+    Raises
+    ------
+    InputError
+        The value is out of its range.
+    """
+
+    kind: str = "volume"
+    value: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.kind == "ratio" and not 1.0 / STEEPEST <= self.value <= STEEPEST:
+            raise InputError(
+                f"layers that grow by the factor {self.value:g}",
+                remedy=f"choose a factor from {1 / STEEPEST:g} to {STEEPEST:g}",
+            )
+        if self.kind == "first" and not 0.0 < self.value < np.inf:
+            raise InputError(
+                f"a first layer of {self.value:g} mm", remedy="choose a height above 0 mm"
+            )
+
+    @classmethod
+    def parse(cls, text: str) -> Spacing:
+        """Read ``"volume"``, ``"distance"``, a factor such as ``"1.5"``, or ``"0.2 mm"``.
+
+        Raises
+        ------
+        InputError
+            It is none of them.
+        """
+        words = text.strip().lower()
+        if words in ("volume", "distance"):
+            return cls(words)
+        found = re.fullmatch(r"([0-9]*\.?[0-9]+(?:e[-+]?[0-9]+)?)\s*(mm)?", words)
+        if not found:
+            raise InputError(
+                f"{text!r} is no spacing of layers",
+                remedy='give "volume", "distance", a factor such as "1.5", or the height of the'
+                ' first layer such as "0.2 mm"',
+            )
+        return cls("first" if found[2] else "ratio", float(found[1]))
 
 
 def uniform_layers(
@@ -31,31 +92,81 @@ def uniform_layers(
     (nw, n, 3) array; layer 0 is ``points`` itself
     """
     shares = bspline.greville(degree, knots)
-    layers = points + shares[:, None, None] * displacement
-    layers[0] = points
-    layers[-1] = points + displacement
-    return layers
+    return _at_shares(points, displacement, shares[:, None])
 
 
-def equal_volume_layers(
+def spaced_layers(
     points: np.ndarray,
     displacement: np.ndarray,
     degree: int,
     knots: np.ndarray,
     surface: PatchSurface,
+    spacing: Spacing | None = None,
 ) -> np.ndarray:
-    """Layers that cut every column into knot spans of equal volume.
+    """Layers whose knots w_k stand where the spacing wants the layers to end.
+
+    All columns stay straight, so det J only changes by the factor of the re-spacing.
+
+    Parameters
+    ----------
+    points, displacement, degree, knots
+        As for :func:`uniform_layers`.
+    surface : PatchSurface
+        Its net gives the volumes.
+    spacing : Spacing, optional
+        Equal volumes otherwise.
+
+    Returns
+    -------
+    (nw, n, 3) array; layer 0 is ``points`` itself
+    """
+    spacing = spacing or Spacing()
+    if spacing.kind == "distance":
+        return uniform_layers(points, displacement, degree, knots)
+    sites = _sites(degree, knots)
+    if spacing.kind == "volume":
+        wanted = _equal_volumes(surface, points, displacement, sites)
+    else:
+        count = len(bspline.breakpoints(knots)) - 1
+        ratio = np.full(len(points), spacing.value)
+        if spacing.kind == "first":
+            length = np.linalg.norm(displacement, axis=1)
+            ratio = _ratio_of_first(spacing.value / np.maximum(length, 1e-300), count)
+        wanted = _graded(ratio, count, sites)
+    collocation = bspline.basis_matrix(degree, knots, sites).toarray()
+    shares = np.linalg.solve(collocation, wanted)
+    # a column whose spline would not rise everywhere keeps the even spacing
+    even = bspline.greville(degree, knots)[:, None]
+    rising = np.all(np.diff(shares, axis=0) > 1e-4 * np.diff(wanted, axis=0).min(axis=0), axis=0)
+    return _at_shares(points, displacement, np.where(rising, shares, even))
+
+
+def _at_shares(points: np.ndarray, displacement: np.ndarray, shares: np.ndarray) -> np.ndarray:
+    layers = points + shares[..., None] * displacement
+    layers[0] = points
+    layers[-1] = points + displacement
+    return layers
+
+
+def _sites(degree: int, knots: np.ndarray) -> np.ndarray:
+    """Interpolation sites, all knots among them: there the layers end exactly as asked."""
+    breaks = bspline.breakpoints(knots)
+    extra = degree - 1
+    first = np.linspace(breaks[0], breaks[1], extra - extra // 2 + 2)[1:-1]
+    last = np.linspace(breaks[-2], breaks[-1], extra // 2 + 2)[1:-1]
+    if len(breaks) == 2:
+        return np.linspace(0.0, 1.0, degree + 1)
+    return np.sort(np.concatenate([breaks, first, last]))
+
+
+def _equal_volumes(
+    surface: PatchSurface, points: np.ndarray, displacement: np.ndarray, sites: np.ndarray
+) -> np.ndarray:
+    """Shares of the columns up to which they hold given shares of their volume, (sites, n).
 
     The volume of a column up to the share t is V(t), the integral of (area vector at t) . D; the
-    area vector is quadratic in t, so three levels give it exactly. The layers interpolate
-    V^-1 at the Greville abscissae; since all columns stay straight, det J only changes by the
-    factor of the re-spacing.
-
-    Parameters and result as for :func:`uniform_layers`, and the surface whose net gives the area
-    vectors.
+    area vector is quadratic in t, so three levels give it exactly.
     """
-    shares = bspline.greville(degree, knots)
-    uniform = uniform_layers(points, displacement, degree, knots)
     rate = np.array(
         [
             np.einsum("li,li->l", _area_vectors(surface, points + t * displacement), displacement)
@@ -66,20 +177,45 @@ def equal_volume_layers(
     a = rate[0]
     b = -3.0 * rate[0] + 4.0 * rate[1] - rate[2]
     c = 2.0 * rate[0] - 4.0 * rate[1] + 2.0 * rate[2]
-    t = np.linspace(0.0, 1.0, 129)[:, None]
-    volume = t * (a + t * (b / 2.0 + t * c / 3.0))
-    usable = np.all(np.diff(volume, axis=0) > 1e-6 * np.abs(volume[-1]) / 128, axis=0)
-    share_at = np.tile(shares[:, None], (1, len(points)))
-    for column in np.flatnonzero(usable):
-        share_at[:, column] = np.interp(shares, volume[:, column] / volume[-1, column], t[:, 0])
-    collocation = bspline.basis_matrix(degree, knots, shares).toarray()
-    spread = np.linalg.solve(collocation, share_at)
-    # a column whose spline would not rise everywhere keeps the even spacing
-    rising = np.all(np.diff(spread, axis=0) > 0.02 * np.diff(shares)[:, None], axis=0)
-    spread = np.where(rising, spread, shares[:, None])
-    layers = points + spread[..., None] * displacement
-    layers[0], layers[-1] = uniform[0], uniform[-1]
-    return layers
+
+    def volume(t: np.ndarray) -> np.ndarray:
+        return t * (a + t * (b / 2.0 + t * c / 3.0))
+
+    whole = volume(np.ones(1))
+    least = np.diff(volume(np.linspace(0.0, 1.0, 129)[:, None]), axis=0).min(axis=0)
+    usable = (whole > 0.0) & (least > 1e-6 * whole / 128)
+    low = np.zeros((len(sites), len(points)))
+    high = np.ones_like(low)
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        under = volume(middle) < sites[:, None] * whole
+        low, high = np.where(under, middle, low), np.where(under, high, middle)
+    return np.where(usable, 0.5 * (low + high), sites[:, None])
+
+
+def _graded(ratio: np.ndarray, count: int, sites: np.ndarray) -> np.ndarray:
+    """Shares at the sites when each of ``count`` layers is ``ratio`` times as high as the last."""
+    log = np.log(ratio)
+    even = np.abs(log) < 1e-9
+    log = np.where(even, 1.0, log)
+    graded = np.expm1(count * sites[:, None] * log) / np.expm1(count * log)
+    return np.where(even, sites[:, None], graded)
+
+
+def _ratio_of_first(share: np.ndarray, count: int) -> np.ndarray:
+    """Factor from layer to layer that gives the outermost one a share of its column.
+
+    Columns that are too short or too long for it within the steepest factor get that factor.
+    """
+    low = np.full(len(share), -np.log(STEEPEST))
+    high = -low
+    site = np.array([1.0 / count])
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        # the first layer's share falls as the factor rises
+        thick = _graded(np.exp(middle), count, site)[0] > share
+        low, high = np.where(thick, middle, low), np.where(thick, high, middle)
+    return np.exp(0.5 * (low + high))
 
 
 def _area_vectors(surface: PatchSurface, points: np.ndarray) -> np.ndarray:
