@@ -11,7 +11,8 @@ import pytest
 from shells import make_volume
 
 from HybridVolume.core import hybrid as module
-from HybridVolume.core.hybrid import HybridVolume
+from HybridVolume.core.hybrid import HybridVolume, load_midstructure, save_midstructure
+from HybridVolume.core.midstructure import Figures, Midstructure, Sheet
 from HybridVolume.errors import FileFormatError
 
 
@@ -124,7 +125,7 @@ def rewritten(stored, path, old, new):
 @pytest.mark.parametrize(
     "old, new, word",
     [
-        (b'"version": 1', b'"version": 2', "version 2"),
+        (b'"version": 2', b'"version": 3', "version 3"),
         (b'"format": "HybridVolume"', b'"format": "something"', "not a hybrid volume"),
         (b'"degree_w": 3', b'"degree_q": 3', "degree_q"),
         (b'"type": "Shell"', b'"type": "Popen"', "damaged"),
@@ -165,3 +166,55 @@ def test_what_a_file_cannot_hold_is_said_when_it_is_written(tmp_path):
         finally:
             del volume.report["odd"]
     assert list(tmp_path.iterdir()) == []
+
+
+def a_midstructure():
+    """A triangle, a line and a point, with figures of two cells."""
+    figures = Figures(
+        of_facet=np.array([0, 1, 1]),
+        patch=np.array([[0, 1], [1, 2]]),
+        foot=np.linspace(0.0, 1.0, 8).reshape(2, 2, 2),
+        centre=np.eye(3)[:2],
+        **{name: np.array([0.1, 1.0 / 3.0]) for name in ("radius", "length", "angle")},
+        **{name: np.array([0.7, 0.2]) for name in ("area", "spacing")},
+        wedge=np.array([True, False]),
+        ridge=np.array([False, True]),
+        group=np.array([0, 4]),
+        edges=np.array([[0, 1]]),
+        edge=np.array([0]),
+    )
+    sheets = tuple(
+        Sheet(faces, 1.5, (0.1, 0.2), (60.0, 180.0), kept, "between", (0.0, 0.5, 1.0), (0.25, 0.75))
+        for faces, kept in ((("Face1", "Face2"), True), (("Face2", "Face3"), False))
+    )
+    return Midstructure(
+        vertices=np.eye(4, 3),
+        facets=np.array([[0, 1, 2], [0, 3, 3], [2, 2, 2]]),
+        sheet=np.array([0, 1, 1]),
+        kept=np.array([True, False, False]),
+        radius=np.array([0.1, 0.2, 0.3, 0.4]),
+        sheets=sheets,
+        faces=("Face1", "Face2", "Face3"),
+        figures=figures,
+        probe_points=np.eye(3),
+        probe_radius=np.full(3, 0.5),
+        unmatched=("keep Face7+Face8",),
+    )
+
+
+def test_a_midstructure_alone_is_read_back_bit_for_bit(stored, tmp_path):
+    path = tmp_path / "sheets.npz"
+    found = a_midstructure()
+    save_midstructure(found, path)
+    again = load_midstructure(path)
+    assert differences(found, again) == []
+    assert again.sheets[0].name == "Face1+Face2@0.25,0.75"
+    refused(path, "no hybrid volume")
+    with pytest.raises(FileFormatError, match="holds no midstructure"):
+        load_midstructure(stored)
+
+
+def test_a_volume_of_version_1_is_read(stored, tmp_path):
+    path = tmp_path / "old.npz"
+    rewritten(stored, path, b'"version": 2', b'"version": 1')
+    assert differences(make_volume("torus"), HybridVolume.load(path)) == []

@@ -34,11 +34,15 @@ from .validity import Certificate
 logger = logging.getLogger(__name__)
 
 FORMAT = "HybridVolume"
-VERSION = 1
-"""Goes up when a file of the earlier version cannot be read any more."""
+VERSION = 2
+"""Goes up when an earlier program cannot read a new file any more."""
+
+READ = (1, 2)
+"""Versions that can be read; 1 knows no figures of medial cells."""
 
 _HOMES = {
     "Certificate": "validity",
+    "Figures": "midstructure",
     "FiniteElementMesh": "finite_elements",
     "HybridVolume": "hybrid",
     "Interface": "interior",
@@ -51,8 +55,6 @@ _HOMES = {
     "TetMesh": "tetmesh",
 }
 """Dataclasses that a file may contain, and the module of each; nothing else is ever made."""
-
-_REMEDY = "compute the hybrid volume again"
 
 
 @dataclass(frozen=True)
@@ -118,8 +120,39 @@ class HybridVolume:
 
 def save(volume: HybridVolume, path: str | os.PathLike) -> None:
     """Write a hybrid volume; see `HybridVolume.save`."""
+    _save(volume, path)
+
+
+def load(path: str | os.PathLike) -> HybridVolume:
+    """Read a hybrid volume; see `HybridVolume.load`."""
+    return _load(path, HybridVolume, "hybrid volume")
+
+
+def save_midstructure(midstructure: Midstructure, path: str | os.PathLike) -> None:
+    """Write a midstructure alone; an existing file is replaced in one step, or stays as it was.
+
+    Raises
+    ------
+    OSError
+        The place cannot be written.
+    """
+    _save(midstructure, path)
+
+
+def load_midstructure(path: str | os.PathLike) -> Midstructure:
+    """Read a file that `save_midstructure` wrote, bit for bit.
+
+    Raises
+    ------
+    FileFormatError
+        The file is missing, damaged, foreign or of another version.
+    """
+    return _load(path, Midstructure, "midstructure")
+
+
+def _save(value: HybridVolume | Midstructure, path: str | os.PathLike) -> None:
     writer = _Writer()
-    header = {"format": FORMAT, "version": VERSION, "root": writer.encode(volume)}
+    header = {"format": FORMAT, "version": VERSION, "root": writer.encode(value)}
     buffers = writer.buffers()
     text = np.frombuffer(json.dumps(header).encode("utf-8"), dtype=np.uint8)
     with replacing(path) as file:
@@ -127,14 +160,14 @@ def save(volume: HybridVolume, path: str | os.PathLike) -> None:
     logger.info("%s written", path)
 
 
-def load(path: str | os.PathLike) -> HybridVolume:
-    """Read a hybrid volume; see `HybridVolume.load`."""
+def _load(path: str | os.PathLike, kind: type, word: str) -> Any:
     name = Path(path).name
+    remedy = f"compute the {word} again"
     try:
         header, buffers = _read(path)
         found = _Reader(buffers).decode(header["root"])
     except _ForeignError as error:
-        raise FileFormatError(f"{name} {error}", remedy=_REMEDY) from None
+        raise FileFormatError(f"{name} {error}", remedy=remedy) from None
     except FileNotFoundError:
         raise FileFormatError(f"{name} does not exist", remedy="name another file") from None
     except OSError as error:
@@ -142,9 +175,9 @@ def load(path: str | os.PathLike) -> HybridVolume:
             f"{name} cannot be read: {error.strerror or error}", remedy="name another file"
         ) from error
     except _DAMAGE as error:
-        raise FileFormatError(f"{name} is damaged ({_short(error)})", remedy=_REMEDY) from error
-    if not isinstance(found, HybridVolume):
-        raise FileFormatError(f"{name} holds no hybrid volume", remedy=_REMEDY)
+        raise FileFormatError(f"{name} is damaged ({_short(error)})", remedy=remedy) from error
+    if not isinstance(found, kind):
+        raise FileFormatError(f"{name} holds no {word}", remedy=remedy)
     return found
 
 
@@ -173,10 +206,10 @@ def _read(path: str | os.PathLike) -> tuple[dict[str, Any], dict[str, np.ndarray
             header = json.loads(_member(archive, "header").tobytes().decode("utf-8"))
             if not isinstance(header, dict) or header.get("format") != FORMAT:
                 raise _ForeignError(foreign)
-            if header.get("version") != VERSION:
+            if header.get("version") not in READ:
                 raise _ForeignError(
                     f"has version {header.get('version')} of the format, this program reads"
-                    f" {VERSION}"
+                    f" {' and '.join(map(str, READ))}"
                 )
             return header, {name: _member(archive, name) for name in names - {"header"}}
 
