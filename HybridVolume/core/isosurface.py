@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""Topology of the isosurfaces of a piecewise linear function, by marching tetrahedra."""
+"""Isosurfaces of a piecewise linear function, and their topology, by marching tetrahedra."""
 
 from __future__ import annotations
 
@@ -11,6 +11,64 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from .tetmesh.mesh import EDGES, FACES, TetMesh, row_keys
+
+
+def isosurface(mesh: TetMesh, values: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles of the isosurface.
+
+    Parameters
+    ----------
+    mesh : TetMesh
+    values : (n,) array
+        Of the piecewise linear function; values equal to the level count as above it.
+    level : float
+
+    Returns
+    -------
+    vertices : (k, 3) array
+        One on every cut edge, mm.
+    triangles : (m, 3) int array
+        Their normals point to where the function is smaller.
+    """
+    n = len(mesh.vertices)
+    above = values >= level
+    code = above[mesh.tets] @ np.array([1, 2, 4, 8])
+    triangles = []
+    for case, rows in _MARCHING.items():
+        tets = mesh.tets[code == case]
+        if len(tets):
+            triangles.extend(tets[:, row] for row in rows)
+    if not triangles:
+        return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+    ends = np.concatenate(triangles)  # (m, 3, 2), the upper end of each cut edge first
+    keys, number = np.unique(row_keys(ends.reshape(-1, 2), n), return_inverse=True)
+    one, two = keys // n, keys % n
+    # rounding must not take the point off the edge
+    share = np.clip((level - values[one]) / (values[two] - values[one]), 0.0, 1.0)[:, None]
+    points = (1.0 - share) * mesh.vertices[one] + share * mesh.vertices[two]
+    return points, number.reshape(-1, 3)
+
+
+def _marching_cases() -> dict[int, list[np.ndarray]]:
+    """Corners (upper, lower) of the cut edges of each triangle, for every set of upper corners."""
+    # right-handed orders of the corners that start with each corner or pair
+    single = {0: (1, 2, 3), 1: (0, 3, 2), 2: (0, 1, 3), 3: (0, 2, 1)}
+    double = {
+        (0, 1): (2, 3), (0, 2): (3, 1), (0, 3): (1, 2),
+        (1, 2): (0, 3), (1, 3): (2, 0), (2, 3): (0, 1),
+    }  # fmt: skip
+    cases: dict[int, list[np.ndarray]] = {}
+    for corner, (a, b, c) in single.items():
+        up = np.array([[corner, a], [corner, b], [corner, c]])
+        cases[1 << corner] = [up]
+        cases[15 - (1 << corner)] = [up[[0, 2, 1]][:, ::-1]]
+    for (i, j), (a, b) in double.items():
+        ring = np.array([[i, a], [i, b], [j, b], [j, a]])
+        cases[(1 << i) | (1 << j)] = [ring[[0, 1, 2]], ring[[0, 2, 3]]]
+    return cases
+
+
+_MARCHING = _marching_cases()
 
 
 def isosurface_euler(mesh: TetMesh, values: np.ndarray, level: float) -> np.ndarray:
