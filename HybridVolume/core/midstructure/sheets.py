@@ -205,6 +205,8 @@ class Midstructure:
         Half the thickness of the body near each of them, mm.
     unmatched : tuple of str
         Decisions that fit no sheet.
+    probe_patch : (s,) int array, optional
+        Patch of each of the places.
     """
 
     vertices: np.ndarray
@@ -219,6 +221,7 @@ class Midstructure:
     probe_points: np.ndarray | None = None
     probe_radius: np.ndarray | None = None
     unmatched: tuple[str, ...] = ()
+    probe_patch: np.ndarray | None = None
 
     @property
     def facet_areas(self) -> np.ndarray:
