@@ -16,6 +16,8 @@ from ..surface import PatchSurface
 SAMPLES_PER_RADIUS = 3.0
 # The thinnest wall that is looked for, relative to the even spacing.
 FINEST = 1.0 / 32.0
+# Samples where the caller names none.
+DEFAULT = 16000
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,8 @@ class Samples:
     normals : (n, 3) array
         Unit normals out of the material.
     patch : (n,) int array
+    uv : (n, 2) array
+        Parameters in [0, 1]².
     spacing : (n,) array
         Distance to the next samples that was aimed at, mm.
     """
@@ -36,6 +40,7 @@ class Samples:
     points: np.ndarray
     normals: np.ndarray
     patch: np.ndarray
+    uv: np.ndarray
     spacing: np.ndarray
 
 
@@ -63,6 +68,7 @@ def sample_surface(surface: PatchSurface, count: int, group: np.ndarray, seed: i
     seed : int
         The samples are jittered, but always the same.
     """
+    count = count or DEFAULT
     even = np.sqrt(surface.area() / (0.5 * count))
     cells = _cells(surface, 3.0 * even)
     spacing = np.full(len(cells.patch), even)
@@ -178,7 +184,7 @@ def _draw(
     length = np.linalg.norm(normals, axis=1)
     good = length > 1e-12 * np.median(length)
     normals[good] /= length[good, None]
-    samples = Samples(points[good], normals[good], patch[good], spacing[cell[good]])
+    samples = Samples(points[good], normals[good], patch[good], uv[good], spacing[cell[good]])
     return samples, cell[good]
 
 

@@ -31,8 +31,8 @@ class Sheet:
     radius : (float, float)
         Smallest and largest distance to the surface, mm.
     angle : (float, float)
-        Smallest and largest object angle, degrees: 180 between parallel faces, 90 at the edge of
-        a box.
+        Smallest and largest object angle but for a few stray facets, degrees: 180 between parallel
+        faces, 90 at the edge of a box.
     kept : bool
         Whether any facet of it is kept.
     reason : str
