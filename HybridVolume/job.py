@@ -3,10 +3,11 @@
 """One computation in a worker process: the side of FreeCAD, of macros and of the command line.
 
 The two sides share a folder and two pipes. The folder holds what :meth:`Job.prepare` writes
-(:data:`OPTIONS_FILE`, :data:`SURFACE_FILE`) and what the worker answers (:data:`RESULT_FILE`,
-:data:`REPORT_FILE` and the exports). On its output the worker writes one JSON object a line:
-``{"stage", "fraction", "text"}`` while it works, then ``{"done": true}`` or ``{"error": {...}}``.
-Its input carries nothing and stays open: when it closes, our process is gone and the worker ends.
+(:data:`OPTIONS_FILE`, :data:`SURFACE_FILE`, with geometry of the user's :data:`OWN_FILE`) and what
+the worker answers (:data:`RESULT_FILE`, :data:`REPORT_FILE` and the exports). On its output the
+worker writes one JSON object a line: ``{"stage", "fraction", "text"}`` while it works, then
+``{"done": true}`` or ``{"error": {...}}``. Its input carries nothing and stays open: when it
+closes, our process is gone and the worker ends.
 
 Importing this module needs the standard library only; :mod:`HybridVolume.worker` is the other side.
 """
@@ -44,11 +45,16 @@ if TYPE_CHECKING:
     import numpy as np
 
     from HybridVolume.core.hybrid import HybridVolume
+    from HybridVolume.core.midstructure import Midstructure
     from HybridVolume.core.surface import SplineFace
 
-PROTOCOL = 1
+PROTOCOL = 2
+GOALS = ("volume", "midstructure", "thickness")
+"""What a job ends with: the hybrid volume, the midstructure alone, or how thick a shell will be."""
+
 OPTIONS_FILE = "job.json"
 SURFACE_FILE = "surface.npz"
+OWN_FILE = "own.npz"
 RESULT_FILE = "result.npz"
 REPORT_FILE = "report.json"
 LOG_FILE = "worker.log"
@@ -106,42 +112,8 @@ def _preferred_python() -> str:
     return freecad.ParamGet(PREFERENCES).GetString("Python", "") if freecad else ""
 
 
-def write_surface(path: Path, faces: Sequence[SplineFace]) -> None:
-    """Write faces as plain arrays (no pickles) for the worker."""
-    import numpy as np
-
-    arrays: dict[str, np.ndarray] = {"names": np.array([face.name for face in faces], dtype=str)}
-    arrays["exact"] = np.array([face.exact for face in faces], dtype=bool)
-    arrays["degrees"] = np.array([face.degrees for face in faces], dtype=np.int64)
-    for number, face in enumerate(faces):
-        arrays[f"knots_u_{number}"], arrays[f"knots_v_{number}"] = map(np.asarray, face.knots)
-        arrays[f"control_points_{number}"] = np.asarray(face.control_points, dtype=float)
-        arrays[f"weights_{number}"] = np.asarray(face.weights, dtype=float)
-    np.savez(path, **arrays)
-
-
-def read_surface(path: Path) -> list[SplineFace]:
-    """Read what :func:`write_surface` wrote, bit for bit."""
-    import numpy as np
-
-    from HybridVolume.core.surface import SplineFace
-
-    with np.load(path, allow_pickle=False) as data:
-        return [
-            SplineFace(
-                name=str(name),
-                degrees=tuple(int(p) for p in data["degrees"][number]),
-                knots=(data[f"knots_u_{number}"], data[f"knots_v_{number}"]),
-                control_points=data[f"control_points_{number}"],
-                weights=data[f"weights_{number}"],
-                exact=bool(data["exact"][number]),
-            )
-            for number, name in enumerate(data["names"])
-        ]
-
-
 class Job:
-    """The completion of one body in a process of its own.
+    """The completion of one body in a process of its own, or a part of it.
 
     ``prepare`` writes the input, ``start`` launches the worker, ``poll`` (from a timer) tells how
     far it is; ``run`` does the three and waits. Afterwards ``result`` and ``report`` read the
@@ -157,7 +129,13 @@ class Job:
         Keyword arguments of :class:`HybridVolume.core.pipeline.Options`.
     source : mapping, optional
         What is known about the input (its file), for the report.
+    goal : {"volume", "midstructure", "thickness"}
+        What :meth:`result` gives: a ``HybridVolume``, a ``Midstructure``, or the dict of
+        :func:`HybridVolume.core.thickness.shell_thickness`.
+    own : (vertices (m, 3), facets (f, 3)), optional
+        Geometry for the midstructure ``own``, mm.
     exports : sequence of {"vtu", "inp", "png"}
+        Only of a volume.
     python : str, optional
         Interpreter of the worker; :func:`worker_python` otherwise.
     free_only : bool
@@ -182,18 +160,24 @@ class Job:
         name: str = "body",
         options: Mapping[str, Any] | None = None,
         source: Mapping[str, Any] | None = None,
+        goal: str = "volume",
+        own: tuple[np.ndarray, np.ndarray] | None = None,
         exports: Sequence[str] = (),
         python: str | None = None,
         free_only: bool = False,
         parent: str | os.PathLike | None = None,
     ) -> None:
-        unknown = set(exports) - set(EXPORTS)
+        unknown = set(exports) - set(EXPORTS if goal == "volume" else ())
         if unknown:
-            raise ValueError(f"unknown exports {sorted(unknown)}")
+            raise ValueError(f"unknown exports {sorted(unknown)} of a {goal}")
+        if goal not in GOALS:
+            raise ValueError(f"unknown goal {goal!r}")
         self.faces = faces
         self.name = name
         self.options = dict(options or {})
         self.source = dict(source or {})
+        self.goal = goal
+        self.own = own
         self.exports = tuple(exports)
         self.python = python
         self.free_only = free_only
@@ -220,6 +204,8 @@ class Job:
         SetupError
             There is no interpreter for the worker.
         """
+        from HybridVolume import exchange
+
         self.python = worker_python(self.python)
         self.folder = Path(tempfile.mkdtemp(prefix="hybridvolume-", dir=self.parent))
         task = {
@@ -227,12 +213,15 @@ class Job:
             "name": self.name,
             "options": self.options,
             "source": self.source,
+            "goal": self.goal,
             "exports": list(self.exports),
         }
         try:
             text = json.dumps(task, indent=1)
             (self.folder / OPTIONS_FILE).write_text(text, encoding="utf-8")
-            write_surface(self.folder / SURFACE_FILE, self.faces)
+            exchange.write_surface(self.folder / SURFACE_FILE, self.faces)
+            if self.own is not None:
+                exchange.write_own(self.folder / OWN_FILE, *self.own)
         except BaseException:
             self._remove_folder()
             raise
@@ -296,7 +285,9 @@ class Job:
             self._finish()
         return news
 
-    def run(self, progress: Callable[[Progress], None] | None = None) -> HybridVolume:
+    def run(
+        self, progress: Callable[[Progress], None] | None = None
+    ) -> HybridVolume | Midstructure | dict:
         """Prepare, start, wait, and return the result (blocking: for macros and scripts).
 
         Raises
@@ -331,15 +322,18 @@ class Job:
         self.cancel()
         self._remove_folder()
 
-    def result(self) -> HybridVolume:
-        """Read the hybrid volume that the worker wrote."""
-        from HybridVolume.core.hybrid import HybridVolume
+    def result(self) -> HybridVolume | Midstructure | dict:
+        """Read what the worker wrote, by the goal."""
+        if self.goal == "thickness":
+            return self.report()["thickness"]
+        from HybridVolume.core import hybrid
 
-        return HybridVolume.load(self.result_file)
+        read = hybrid.load if self.goal == "volume" else hybrid.load_midstructure
+        return read(self.result_file)
 
     @property
     def result_file(self) -> Path:
-        """Path of the stored hybrid volume."""
+        """Path of the stored hybrid volume or midstructure."""
         return self._file(RESULT_FILE)
 
     def report(self) -> dict:
@@ -384,11 +378,10 @@ class Job:
         elif "error" in answer:
             self._end("failed", from_dict(answer["error"]))
         else:
-            absent = [
-                name
-                for name in (RESULT_FILE, REPORT_FILE, *(f"{self.name}.{e}" for e in self.exports))
-                if not (self.folder / name).is_file()
-            ]
+            names = [REPORT_FILE, *(f"{self.name}.{export}" for export in self.exports)]
+            if self.goal != "thickness":
+                names.insert(0, RESULT_FILE)
+            absent = [name for name in names if not (self.folder / name).is_file()]
             if absent:
                 self._end("failed", WorkerError(f"the worker did not write {', '.join(absent)}"))
             else:

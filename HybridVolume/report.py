@@ -24,6 +24,7 @@ from HybridVolume.errors import FaultError, HybridVolumeError
 if TYPE_CHECKING:
     from HybridVolume.core.hybrid import HybridVolume
     from HybridVolume.core.midstructure import Midstructure
+    from HybridVolume.core.pipeline import Options, Stage
     from HybridVolume.core.shell import Shell
     from HybridVolume.core.surface import PatchSurface
 
@@ -53,7 +54,7 @@ def volume_report(
     return {
         "version": SCHEMA,
         "input": {**source, **surface_figures(volume.surface)},
-        "midstructure": midstructure_figures(volume.midstructure),
+        "midstructure": midstructure_figures(volume.midstructure, volume.report.get("search", {})),
         "field": dict(volume.field),
         "shell": shell_figures(shell, volume),
         "interior": {
@@ -77,7 +78,32 @@ def volume_report(
             "min_scaled_jacobian": fem.min_scaled_jacobian,
             "volume": fem.volume,
         },
-        "notes": list(shell.notes),
+        "notes": [*shell.notes, *unmatched_notes(volume.midstructure)],
+        "seconds": {**seconds, "total": sum(seconds.values())},
+        "peak_memory_mb": peak_memory_mb(),
+        "versions": versions(),
+    }
+
+
+def stage_report(
+    stage: Stage, options: Options, source: Mapping[str, Any], seconds: Mapping[str, float]
+) -> dict[str, Any]:
+    """Return the report of a body of which only the midstructure is there.
+
+    Parameters
+    ----------
+    stage : Stage
+    options : Options
+    source, seconds
+        As for :func:`volume_report`.
+    """
+    from HybridVolume.core.pipeline import search_figures
+
+    return {
+        "version": SCHEMA,
+        "input": {**source, **surface_figures(stage.surface)},
+        "midstructure": midstructure_figures(stage.midstructure, search_figures(options)),
+        "notes": unmatched_notes(stage.midstructure),
         "seconds": {**seconds, "total": sum(seconds.values())},
         "peak_memory_mb": peak_memory_mb(),
         "versions": versions(),
@@ -103,16 +129,26 @@ def surface_figures(surface: PatchSurface) -> dict[str, Any]:
     }
 
 
-def midstructure_figures(midstructure: Midstructure) -> dict[str, Any]:
-    """Figures of the midstructure, and what was decided about each sheet."""
+def midstructure_figures(midstructure: Midstructure, search: Mapping[str, Any]) -> dict[str, Any]:
+    """Figures of the midstructure, and what was decided about each sheet.
+
+    Parameters
+    ----------
+    midstructure : Midstructure
+    search : mapping
+        How it was asked for.
+    """
     return {
         "method": midstructure.method,
+        **search,
         "sheets": len(midstructure.sheets),
         "kept": midstructure.kept_sheets,
         "facets": int(np.count_nonzero(midstructure.kept)),
         "area": midstructure.area,
+        "unmatched": list(midstructure.unmatched),
         "decisions": [
             {
+                "name": sheet.name,
                 "faces": list(sheet.faces),
                 "kept": bool(sheet.kept),
                 "reason": sheet.reason,
@@ -122,6 +158,11 @@ def midstructure_figures(midstructure: Midstructure) -> dict[str, Any]:
             for sheet in midstructure.sheets
         ],
     }
+
+
+def unmatched_notes(midstructure: Midstructure) -> list[str]:
+    """A note for each decision that fits no sheet."""
+    return [f"{decision}: no such sheet, nothing was done" for decision in midstructure.unmatched]
 
 
 def shell_figures(shell: Shell, volume: HybridVolume) -> dict[str, Any]:

@@ -17,10 +17,14 @@ import threading
 import time
 import traceback
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from HybridVolume import job
 from HybridVolume.errors import FaultError, HybridVolumeError, SetupError
+
+if TYPE_CHECKING:
+    from HybridVolume.core.pipeline import Options
+    from HybridVolume.core.surface import PatchSurface
 
 logger = logging.getLogger(__name__)
 
@@ -72,33 +76,70 @@ class Stopwatch:
 
 
 def work(folder: Path, channel: Channel) -> None:
-    """Read the job, complete the volume, write the answer's files.
+    """Read the job, go as far as its goal, write the answer's files.
 
     Raises
     ------
     HybridVolumeError
     """
-    from HybridVolume import report
+    from HybridVolume import exchange, report
     from HybridVolume.core.assembly import build_surface
-    from HybridVolume.core.pipeline import Options, complete
+    from HybridVolume.core.pipeline import Options
 
     task = json.loads((folder / job.OPTIONS_FILE).read_text(encoding="utf-8"))
     if task["protocol"] != job.PROTOCOL:
         raise FaultError(f"the job speaks protocol {task['protocol']}, not {job.PROTOCOL}")
     watch = Stopwatch(channel.progress)
     watch("surface", 0.0, "pairing and welding the faces")
-    faces = job.read_surface(folder / job.SURFACE_FILE)
+    faces = exchange.read_surface(folder / job.SURFACE_FILE)
+    own = exchange.read_own(folder / job.OWN_FILE)
     options = Options(**task["options"])
     surface = build_surface(faces, options.tolerance)
-    volume = complete(surface, options, watch)
+    reach = {"volume": _volume, "midstructure": _midstructure, "thickness": _thickness}
+    figures = reach[task["goal"]](folder, task, surface, options, own, watch)
+    report.write(figures, folder / job.REPORT_FILE)
+
+
+def _volume(
+    folder: Path, task: dict, surface: PatchSurface, options: Options, own: Any, watch: Stopwatch
+) -> dict[str, Any]:
+    from HybridVolume import report
+    from HybridVolume.core.pipeline import complete
+
+    volume = complete(surface, options, watch, own)
     watch("exports", 0.93, "writing the result")
     volume.save(folder / job.RESULT_FILE)
     for number, export in enumerate(task["exports"]):
         watch("exports", 0.94 + 0.02 * number, f"writing {task['name']}.{export}")
         write_export(volume, export, folder / f"{task['name']}.{export}")
     watch.enter(None)
-    figures = report.volume_report(volume, source=task["source"], seconds=watch.seconds)
-    report.write(figures, folder / job.REPORT_FILE)
+    return report.volume_report(volume, source=task["source"], seconds=watch.seconds)
+
+
+def _midstructure(
+    folder: Path, task: dict, surface: PatchSurface, options: Options, own: Any, watch: Stopwatch
+) -> dict[str, Any]:
+    from HybridVolume import report
+    from HybridVolume.core.hybrid import save_midstructure
+    from HybridVolume.core.pipeline import midstructure_stage
+
+    stage = midstructure_stage(surface, options, watch, own)
+    watch("exports", 0.95, f"{len(stage.midstructure.sheets)} sheets; writing them")
+    save_midstructure(stage.midstructure, folder / job.RESULT_FILE)
+    watch.enter(None)
+    return report.stage_report(stage, options, task["source"], watch.seconds)
+
+
+def _thickness(
+    folder: Path, task: dict, surface: PatchSurface, options: Options, own: Any, watch: Stopwatch
+) -> dict[str, Any]:
+    from HybridVolume import report
+    from HybridVolume.core.pipeline import thickness
+
+    stage, figures = thickness(surface, options, watch, own)
+    watch.enter(None)
+    part = report.stage_report(stage, options, task["source"], watch.seconds)
+    return {**part, "thickness": figures}
 
 
 def write_export(volume: Any, export: str, path: Path) -> None:

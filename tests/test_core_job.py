@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from bodies import torus
 
+from HybridVolume import exchange
 from HybridVolume import job as protocol
 from HybridVolume.errors import GapError, SetupError, WorkerError
 from HybridVolume.job import Job
@@ -68,8 +69,8 @@ def wait_until(condition, seconds: float = 10.0) -> bool:
 
 def test_faces_travel_bit_for_bit(tmp_path):
     faces = torus().faces
-    protocol.write_surface(tmp_path / "surface.npz", faces)
-    again = protocol.read_surface(tmp_path / "surface.npz")
+    exchange.write_surface(tmp_path / "surface.npz", faces)
+    again = exchange.read_surface(tmp_path / "surface.npz")
     assert [face.name for face in again] == [face.name for face in faces]
     for one, other in zip(faces, again, strict=True):
         assert one.degrees == other.degrees and one.exact == other.exact

@@ -7,6 +7,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -15,21 +16,27 @@ from .finite_elements import build_finite_elements
 from .front import check_surface
 from .gap import gap_volume
 from .growth import grow_shell
-from .harmonic import solve_harmonic
+from .harmonic import HarmonicField, solve_harmonic
 from .hybrid import HybridVolume
 from .interior import Interior
 from .intersection import self_intersections
-from .midstructure import medial_axis
+from .midstructure import Midstructure, Search, find_midstructure
 from .refinement import flatten_spans
 from .shell import Shell
 from .surface import PatchSurface
+from .thickness import shell_thickness
 
 logger = logging.getLogger(__name__)
 
 BALANCE = 1e-9
 """Largest share of the volume by which shell, core and gap may miss the body."""
 
+NAMED_SHEETS = 10
+"""Sheets, the largest, that an error about a decision names."""
+
 Progress = Callable[[str, float, str], None]
+Own = tuple[np.ndarray, np.ndarray]
+"""Geometry of the user's: vertices (m, 3), mm, and facets (f, 3), see `Midstructure.facets`."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +53,12 @@ class Options:
         Degree across the shell.
     tolerance : float
         Largest gap between sides that meet, as a share of the diagonal.
-    midstructure : {"auto", "medial-axis"}
+    midstructure : str
+        Its kind, the ``method`` of `Search`.
+    samples, angle, minimum_size, depth, decisions
+        As in `Search`.
+    strict_decisions : bool
+        Refuse a decision that fits no sheet; otherwise it is only told in the report.
     nodes : {"knots", "greville"}
         Nodes of the interface.
     order : {1, 2}
@@ -65,13 +77,31 @@ class Options:
     degree: int = 3
     tolerance: float = 1e-7
     midstructure: str = "auto"
+    samples: int = 0
+    angle: float = 125.0
+    minimum_size: float = 1.0
+    depth: str = "50%"
+    decisions: tuple[str, ...] = ()
+    strict_decisions: bool = False
     nodes: str = "knots"
     order: int = 2
     engine: str = "auto"
 
+    @property
+    def search(self) -> Search:
+        """How the midstructure is found."""
+        return Search(
+            method=self.midstructure,
+            samples=self.samples,
+            angle=self.angle,
+            minimum_size=self.minimum_size,
+            depth=self.depth,
+            decisions=tuple(self.decisions),
+        )
+
     def __post_init__(self) -> None:
+        object.__setattr__(self, "decisions", self.search.decisions)
         choices = {
-            "midstructure": ("auto", "medial-axis"),
             "nodes": ("knots", "greville"),
             "order": (1, 2),
             "engine": ("auto", "netgen", "gmsh"),
@@ -96,8 +126,29 @@ class Options:
                 )
 
 
+@dataclass(frozen=True)
+class Stage:
+    """The body and its midstructure, as far as all goals go the same way.
+
+    Attributes
+    ----------
+    surface : PatchSurface
+        Refined; the same surface as the one given.
+    deviation : float
+        Largest distance of the two, mm.
+    midstructure : Midstructure
+    """
+
+    surface: PatchSurface
+    deviation: float
+    midstructure: Midstructure
+
+
 def complete(
-    surface: PatchSurface, options: Options | None = None, progress: Progress | None = None
+    surface: PatchSurface,
+    options: Options | None = None,
+    progress: Progress | None = None,
+    own: Own | None = None,
 ) -> HybridVolume:
     """Complete the volume of a closed surface.
 
@@ -108,6 +159,8 @@ def complete(
     options : Options, optional
     progress : callable, optional
         Called with the stage, the share of the whole work that is done, and a text.
+    own : (vertices, facets), optional
+        Geometry for the midstructure ``own``.
 
     Returns
     -------
@@ -121,16 +174,10 @@ def complete(
         One of its kinds, naming faces, figures and a remedy.
     """
     options = options or Options()
-    report = progress or (lambda stage, share, text: None)
-    report("surface", 0.02, f"{len(surface.patches)} patches, genus {_words(surface.genus)}")
-    body = flatten_spans(surface)
-    deviation = _deviation(surface, body)
-    check_surface(body)
-    _check_uncut(body)
-    report("midstructure", 0.05, "medial axis")
-    midstructure = medial_axis(body)
-    report("field", 0.12, f"{midstructure.kept_sheets} sheets kept; harmonic field")
-    field = solve_harmonic(body, midstructure)
+    report = progress or _silent
+    stage = midstructure_stage(surface, options, report, own)
+    body = stage.surface
+    field = field_stage(stage, options, report)
     report("shell", 0.3, f"{len(field.mesh.tets)} tetrahedra in the field; front")
     shell, certificate = grow_shell(
         body,
@@ -149,7 +196,7 @@ def complete(
     _check_balance(body, shell, interior, gap)
     return HybridVolume(
         surface=body,
-        midstructure=midstructure,
+        midstructure=stage.midstructure,
         field={
             "tets": len(field.mesh.tets),
             "vertices": len(field.mesh.vertices),
@@ -162,8 +209,135 @@ def complete(
         interface=interface,
         fem=fem,
         gap_volume=gap,
-        report={"boundary_deviation": deviation},
+        report={"boundary_deviation": stage.deviation, "search": search_figures(options)},
     )
+
+
+def midstructure_stage(
+    surface: PatchSurface,
+    options: Options | None = None,
+    progress: Progress | None = None,
+    own: Own | None = None,
+) -> Stage:
+    """Check a body and find its midstructure, with the user's decisions applied.
+
+    Parameters
+    ----------
+    surface, options, progress, own
+        As for :func:`complete`.
+
+    Returns
+    -------
+    Stage
+        Its midstructure may be without kept facets, where the decisions remove all.
+
+    Raises
+    ------
+    InputError
+        The body is singular or cuts itself, the user's geometry does not fit, or, where that is
+        asked for, a decision fits no sheet.
+    """
+    options = options or Options()
+    report = progress or _silent
+    report("surface", 0.02, f"{len(surface.patches)} patches, genus {_words(surface.genus)}")
+    body = flatten_spans(surface)
+    deviation = _deviation(surface, body)
+    check_surface(body)
+    _check_uncut(body)
+    search = options.search
+    report("midstructure", 0.05, search.method.replace("-", " "))
+    found = find_midstructure(body, search, own)
+    if found.unmatched and options.strict_decisions:
+        raise InputError(
+            f"{_listed(found.unmatched)}: no such sheet",
+            figure=float(len(found.unmatched)),
+            remedy=f"the largest sheets are {sheet_names(found)}",
+        )
+    for decision in found.unmatched:
+        logger.warning("%s fits no sheet", decision)
+    return Stage(body, deviation, found)
+
+
+def field_stage(
+    stage: Stage, options: Options | None = None, progress: Progress | None = None
+) -> HarmonicField:
+    """Solve the harmonic field between the surface and the midstructure.
+
+    Raises
+    ------
+    InputError
+        Nothing of the midstructure is kept.
+    """
+    found = stage.midstructure
+    report = progress or _silent
+    if not found.kept.any():
+        decided = _listed((options or Options()).decisions) or "the choice"
+        raise InputError(
+            f"nothing is left of the midstructure after {decided}",
+            figure=0.0,
+            remedy=f"keep a sheet; the largest are {sheet_names(found)}",
+        )
+    report("field", 0.12, f"{found.kept_sheets} sheets kept; harmonic field")
+    return solve_harmonic(stage.surface, found)
+
+
+def thickness(
+    surface: PatchSurface,
+    options: Options | None = None,
+    progress: Progress | None = None,
+    own: Own | None = None,
+) -> tuple[Stage, dict[str, Any]]:
+    """Tell how thick the shell will be, without making it.
+
+    Parameters
+    ----------
+    surface, options, progress, own
+        As for :func:`complete`.
+
+    Returns
+    -------
+    stage : Stage
+    figures : dict
+        As of :func:`HybridVolume.core.thickness.shell_thickness`, mm.
+
+    Raises
+    ------
+    HybridVolumeError
+        As :func:`complete`, as far as the field.
+    """
+    options = options or Options()
+    report = progress or _silent
+    stage = midstructure_stage(surface, options, report, own)
+    field = field_stage(stage, options, report)
+    report("thickness", 0.9, f"{len(field.mesh.tets)} tetrahedra in the field; distances")
+    return stage, shell_thickness(field, stage.surface, options.w0)
+
+
+def search_figures(options: Options) -> dict[str, Any]:
+    """Plain values of how the midstructure was asked for."""
+    search = options.search
+    return {
+        "samples": search.samples,
+        "angle": search.angle,
+        "minimum_size": search.minimum_size,
+        "depth": search.depth,
+        "decided": list(search.decisions),
+    }
+
+
+def sheet_names(midstructure: Midstructure) -> str:
+    """Names of the largest sheets."""
+    names = [sheet.name for sheet in midstructure.sheets]
+    more = len(names) - NAMED_SHEETS
+    return ", ".join(names[:NAMED_SHEETS]) + (f" and {more} more" if more > 0 else "")
+
+
+def _silent(stage: str, share: float, text: str) -> None:
+    pass
+
+
+def _listed(decisions: tuple[str, ...]) -> str:
+    return ", ".join(decisions)
 
 
 def _words(genus: tuple[int, ...]) -> str:
