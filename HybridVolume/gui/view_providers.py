@@ -11,12 +11,9 @@ from typing import Any
 
 import FreeCAD
 import FreeCADGui
-import numpy as np
 from PySide import QtCore
 
 from .preferences import RESOURCES
-
-KEPT_SHEET_COLOUR = (0.20, 0.40, 0.64)
 
 
 class ViewProvider:
@@ -163,41 +160,92 @@ class CoreView(PartView):
 
 
 class MidstructureView(ViewProvider):
-    """The kept sheets of the midstructure as a surface."""
+    """The midstructure: its sheets are sub-elements ``Sheet1``, ``Sheet2``, ...
+
+    What is drawn is a function of the object's properties, and follows them through Undo.
+
+    Attributes
+    ----------
+    scene : SheetsScene
+    """
 
     ICON = "HybridVolume_Midstructure"
+    SHOWN = ("Facets", "Decisions", "Angle", "MinimumSize", "Kept")
+    """Properties that the drawing depends on."""
 
     def attach(self, view: Any) -> None:
-        """Build the scene: one face set for all kept sheets."""
-        from pivy import coin
+        """Build the scene; it is filled when it is to be seen."""
+        from . import picking
+        from .sheets_view import SheetsScene
 
         super().attach(view)
-        root = coin.SoSeparator()
-        hints = coin.SoShapeHints()
-        hints.vertexOrdering = coin.SoShapeHints.COUNTERCLOCKWISE  # lit from both sides
-        material = coin.SoMaterial()
-        material.diffuseColor.setValue(*KEPT_SHEET_COLOUR)
-        self._points = coin.SoCoordinate3()
-        self._facets = coin.SoIndexedFaceSet()
-        for node in (hints, material, self._points, self._facets):
-            root.addChild(node)
-        view.addDisplayMode(root, "Sheets")
-        self.updateData(view.Object, "Facets")
+        self.scene = SheetsScene()
+        self._outdated = True
+        self._waiting = False
+        view.addDisplayMode(self.scene.root, "Sheets")
+        picking.colour_what_is_picked()
 
     def updateData(self, obj: Any, name: str) -> None:
-        """Take the facets into the scene."""
-        if name != "Facets" or not getattr(obj, "Facets", ""):
+        """Draw anew after a change, once for all properties that change together."""
+        if name in self.SHOWN:
+            self._outdated = True
+            self._draw_soon(obj)
+
+    def onChanged(self, view: Any, name: str) -> None:
+        """Draw what was not needed before."""
+        if name == "Visibility" and view.Visibility and hasattr(self, "scene"):
+            self._draw_soon(view.Object)
+
+    def draw(self, obj: Any) -> None:
+        """Draw what the properties say now."""
+        from HybridVolume.objects.midstructure import chosen
+
+        self._outdated = False
+        self.scene.show(chosen(obj))
+
+    def preview(self, midstructure: Any) -> None:
+        """Draw another choice of the same sheets; the document does not notice.
+
+        Parameters
+        ----------
+        midstructure : Midstructure
+        """
+        self.scene.show(midstructure)
+
+    def _draw_soon(self, obj: Any) -> None:
+        if not self._waiting:
+            self._waiting = True
+            # Later: a transaction, an Undo and the opening of a document change one after another.
+            QtCore.QTimer.singleShot(0, lambda: self._draw_if_seen(obj))
+
+    def _draw_if_seen(self, obj: Any) -> None:
+        self._waiting = False
+        try:
+            seen = obj.ViewObject.SwitchNode.whichChild.getValue() != -1
+        except (ReferenceError, AttributeError):  # deleted meanwhile
             return
-        with np.load(obj.Facets, allow_pickle=False) as data:
-            vertices, facets = data["vertices"], data["facets"][data["kept"]]
-        self._points.point.setNum(0)
-        self._facets.coordIndex.setNum(0)
-        if not len(facets):
-            return
-        self._points.point.setValues(0, len(vertices), vertices.tolist())
-        ends = np.full((len(facets), 1), -1)
-        index = np.hstack([facets, ends]).ravel().tolist()
-        self._facets.coordIndex.setValues(0, len(index), index)
+        if seen and self._outdated:
+            self.draw(obj)
+
+    def getElementPicked(self, point: Any) -> str:
+        """Return the name of the sheet below the mouse."""
+        return self.scene.picked(point)
+
+    def getDetailPath(self, name: str, path: Any, append: bool) -> bool:
+        """Lead FreeCAD from a sheet's name to its nodes."""
+        view = self.Object.ViewObject
+        if append:
+            path.append(view.RootNode)
+            path.append(view.SwitchNode)
+        return self.scene.extend_path(name, path)
+
+    def doubleClicked(self, view: Any) -> bool:
+        """Open the panel."""
+        from . import commands
+
+        if not FreeCADGui.Control.activeDialog():
+            commands.open_panel(view.Object.Document.Name, view.Object.Name)
+        return True
 
     def getDisplayModes(self, view: Any) -> list[str]:
         """Return the one display mode."""

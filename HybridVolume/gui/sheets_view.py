@@ -1,0 +1,339 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""The sheets of a midstructure in the 3D view: kept ones in colour, removed ones as faint outlines.
+
+Coordinates and normals go into the scene once. What is kept changes index lists of single sheets
+only, so that a slider can be followed.
+"""
+
+from __future__ import annotations
+
+import colorsys
+import re
+from typing import TYPE_CHECKING, Any
+
+import FreeCAD
+import numpy as np
+from pivy import coin
+
+if TYPE_CHECKING:
+    from HybridVolume.core.midstructure import Midstructure
+
+REMOVED_COLOUR = (0.80, 0.84, 0.90)
+REMOVED_TRANSPARENCY = 0.92
+OUTLINE_TRANSPARENCY = 0.45
+MARKED_TRANSPARENCY = 0.45
+SLIGHT = 0.004
+"""Share of the whole area below which a removed sheet is not drawn; the table still has it."""
+
+_SHEET = re.compile(r"Sheet[1-9][0-9]*")
+_GOLDEN = 0.6180339887498949
+_ON, _OFF = coin.SO_SWITCH_ALL, coin.SO_SWITCH_NONE
+
+
+def sheet_name(number: int) -> str:
+    """Name of a sheet in the 3D view and in tables, for its place in ``Midstructure.sheets``."""
+    return f"Sheet{number + 1}"
+
+
+def sheet_number(name: str) -> int | None:
+    """Reverse :func:`sheet_name`; None where the name is none of a sheet."""
+    # FreeCAD puts a full stop behind the names of containers
+    name = name.rstrip(".")
+    return int(name[5:]) - 1 if _SHEET.fullmatch(name) else None
+
+
+def sheet_colour(number: int) -> tuple[float, float, float]:
+    """Colour of a kept sheet: far from its neighbours' in the list, from yellow and from green."""
+    place = (0.58 + number * _GOLDEN) % 1.0
+    # hues from 0.44 (teal) over blue and red to 0.11 (orange); hover and selection take the rest
+    hue = (0.44 + 0.67 * place) % 1.0
+    return colorsys.hsv_to_rgb(hue, (0.60, 0.40, 0.75)[number % 3], (0.95, 1.00, 0.85)[number % 3])
+
+
+class SheetsScene:
+    """Coin's nodes for one midstructure.
+
+    Attributes
+    ----------
+    root : SoSeparator
+    """
+
+    def __init__(self) -> None:
+        self.root = coin.SoSeparator()
+        # what is drawn changes often: no cache around it all
+        self.root.renderCaching = coin.SoSeparator.OFF
+        self._clip = coin.SoClipPlane()
+        self._clip.on = False
+        self._points = coin.SoCoordinate3()
+        self._normals = coin.SoNormal()
+        binding = coin.SoNormalBinding()
+        binding.value = coin.SoNormalBinding.PER_VERTEX_INDEXED
+        hints = coin.SoShapeHints()
+        hints.vertexOrdering = coin.SoShapeHints.COUNTERCLOCKWISE  # lit from both sides
+        self._kept = coin.SoGroup()
+        self._removed = coin.SoGroup()
+        self._all = coin.SoSeparator()
+        self._all.renderCaching = coin.SoSeparator.OFF
+        parts = (hints, self._points, self._normals, binding, self._kept, self._removed)
+        for node in parts:
+            self._all.addChild(node)
+        self.root.addChild(self._clip)
+        self.root.addChild(self._all)
+        self._source: Midstructure | None = None
+        self._sheets: list[_SheetNodes] = []
+        self._marked: frozenset[int] = frozenset()
+        self._hovered: int | None = None
+
+    def show(self, midstructure: Midstructure | None) -> None:
+        """Draw a midstructure; one that differs from the last in what is kept is drawn quickly."""
+        if midstructure is None:
+            self._clear()
+            return
+        last = self._source
+        if last is None or last.facets is not midstructure.facets:
+            self._build(midstructure)
+        self._source = midstructure
+        for nodes in self._sheets:
+            nodes.show(midstructure.kept)
+
+    def mark(self, numbers: frozenset[int]) -> None:
+        """Give sheets the colour of what is selected."""
+        changed = self._marked ^ numbers
+        self._marked = numbers
+        self._colour(changed)
+
+    def hover(self, number: int | None) -> None:
+        """Give one sheet the colour of what is under the mouse."""
+        changed = {self._hovered, number} - {None}
+        self._hovered = number
+        self._colour(changed)
+
+    def clip(self, normal: np.ndarray | None, distance: float = 0.0) -> None:
+        """Cut away what lies before a plane; None shows everything.
+
+        Parameters
+        ----------
+        normal : (3,) array, optional
+            Points x with ``normal . x > distance`` stay.
+        distance : float
+            mm.
+        """
+        self._clip.on = normal is not None
+        if normal is not None:
+            self._clip.plane = coin.SbPlane(coin.SbVec3f(*map(float, normal)), float(distance))
+
+    def picked(self, point: Any) -> str:
+        """Name of the sheet that a picked point (SoPickedPoint) lies on; "" for none."""
+        path = point.getPath()
+        for place in range(path.getLength() - 1, -1, -1):
+            name = path.getNode(place).getName().getString()
+            if _SHEET.fullmatch(name):
+                return name
+        return ""
+
+    def extend_path(self, name: str, path: Any) -> bool:
+        """Append the nodes that lead from the root to a sheet to a path (SoPath)."""
+        number = sheet_number(name)
+        if number is None or number >= len(self._sheets):
+            return False
+        sheet = self._sheets[number]
+        in_colour = (self._kept, sheet.kept)
+        for node in (
+            *(self.root, self._all),
+            *(in_colour if sheet.any_kept else (self._removed, sheet.removed)),
+        ):
+            path.append(node)
+        return True
+
+    def _clear(self) -> None:
+        self._source, self._sheets = None, []
+        self._kept.removeAllChildren()
+        self._removed.removeAllChildren()
+
+    def _build(self, midstructure: Midstructure) -> None:
+        self._clear()
+        points, facets = midstructure.vertices, midstructure.facets
+        normals, corner_normals = _smooth_normals(points, facets, midstructure.sheet)
+        _set(self._points.point, points.tolist())
+        _set(self._normals.vector, normals.tolist())
+        order = np.argsort(midstructure.sheet, kind="stable")
+        bounds = np.searchsorted(midstructure.sheet[order], np.arange(len(midstructure.sheets) + 1))
+        slight = SLIGHT * sum(sheet.area for sheet in midstructure.sheets)
+        for number, sheet in enumerate(midstructure.sheets):
+            mine = order[bounds[number] : bounds[number + 1]]
+            nodes = _SheetNodes(number, mine, facets[mine], corner_normals[mine])
+            nodes.slight = sheet.area < slight
+            self._sheets.append(nodes)
+            self._kept.addChild(nodes.kept)
+            self._removed.addChild(nodes.removed)
+        self._colour(range(len(self._sheets)))
+
+    def _colour(self, numbers: Any) -> None:
+        for number in numbers:
+            if number < len(self._sheets):
+                hovered, marked = number == self._hovered, number in self._marked
+                colour = _preferred_colour(hovered) if hovered or marked else None
+                self._sheets[number].colour(colour)
+
+
+class _SheetNodes:
+    """Nodes of one sheet: a part with what is kept of it and a part with what is not."""
+
+    def __init__(
+        self, number: int, facet: np.ndarray, corners: np.ndarray, normals: np.ndarray
+    ) -> None:
+        self.number = number
+        self.slight = False
+        self.any_kept = False
+        self._facet = facet
+        self._corners = corners
+        self._normals = normals
+        same = (corners == np.roll(corners, 1, axis=1)).sum(axis=1)
+        self._kind = np.where(same == 0, 3, np.where(same == 3, 1, 2))  # corners that differ
+        self._shown: np.ndarray | None = None
+        self._kept_material, self._kept_shape = coin.SoMaterial(), _Shape(thick=True)
+        self._fill_material, self._fill = coin.SoMaterial(), _Shape(thick=True)
+        self._line_material, self._outline = coin.SoMaterial(), coin.SoIndexedLineSet()
+        self.kept = self._part(
+            coin.SoPickStyle.SHAPE_ON_TOP, self._kept_material, *self._kept_shape.nodes
+        )
+        style = coin.SoDrawStyle()
+        style.lineWidth = 1.0
+        unlit = coin.SoLightModel()
+        unlit.model = coin.SoLightModel.BASE_COLOR
+        self.removed = self._part(
+            coin.SoPickStyle.SHAPE,
+            *(self._fill_material, *self._fill.nodes),
+            *(unlit, self._line_material, style, self._outline),
+        )
+
+    def _part(self, pick: int, *nodes: Any) -> Any:
+        part = coin.SoSeparator()
+        part.setName(sheet_name(self.number))
+        style = coin.SoPickStyle()
+        style.style = pick
+        switch = coin.SoSwitch()
+        switch.whichChild = _OFF
+        for node in (style, *nodes):
+            switch.addChild(node)
+        part.addChild(switch)
+        return part
+
+    def show(self, kept: np.ndarray) -> None:
+        """Take which facets of the whole midstructure are kept."""
+        mine = kept[self._facet]
+        if self._shown is not None and np.array_equal(mine, self._shown):
+            return
+        self._shown = mine
+        self.any_kept = bool(mine.any())
+        self.kept.getChild(0).whichChild = _ON if self.any_kept else _OFF
+        if self.any_kept:
+            self._kept_shape.show(self._corners, self._normals, self._kind, mine)
+        # Of a kept sheet only the outline says where the rest would be: a rim near the faces.
+        drawn = not self.slight and not mine.all()
+        self.removed.getChild(0).whichChild = _ON if drawn else _OFF
+        if drawn:
+            rest = ~mine if not self.any_kept else np.zeros(len(mine), dtype=bool)
+            self._fill.show(self._corners, self._normals, self._kind, rest)
+            solid = ~mine & (self._kind == 3) if not self.any_kept else rest
+            _set(self._outline.coordIndex, _outline(self._corners[solid]))
+
+    def colour(self, marked: tuple[float, float, float] | None) -> None:
+        """Draw in the sheet's own colour, or in another one."""
+        self._kept_material.diffuseColor = marked or sheet_colour(self.number)
+        self._fill_material.diffuseColor = marked or REMOVED_COLOUR
+        self._fill_material.transparency = MARKED_TRANSPARENCY if marked else REMOVED_TRANSPARENCY
+        self._line_material.diffuseColor = marked or REMOVED_COLOUR
+        self._line_material.transparency = 0.0 if marked else OUTLINE_TRANSPARENCY
+
+
+class _Shape:
+    """Triangles, lines and points over the scene's coordinates."""
+
+    def __init__(self, *, thick: bool) -> None:
+        self._triangles = coin.SoIndexedFaceSet()
+        self._lines = coin.SoIndexedLineSet()
+        self._points = coin.SoIndexedPointSet()
+        style = coin.SoDrawStyle()
+        style.lineWidth, style.pointSize = (5.0, 9.0) if thick else (1.0, 1.0)
+        self.nodes = (self._triangles, style, self._lines, self._points)
+
+    def show(
+        self, corners: np.ndarray, normals: np.ndarray, kind: np.ndarray, use: np.ndarray
+    ) -> None:
+        """Draw the facets ``use``; ``kind`` is their number of corners that differ."""
+        solid = use & (kind == 3)
+        _set(self._triangles.coordIndex, _index(corners[solid]))
+        _set(self._triangles.normalIndex, _index(normals[solid]))
+        lines = np.sort(corners[use & (kind == 2)], axis=1)[:, ::2]
+        _set(self._lines.coordIndex, _index(lines))
+        _set(self._lines.normalIndex, _index(np.zeros_like(lines)))
+        points = corners[use & (kind == 1)][:, 0]
+        _set(self._points.coordIndex, points.tolist())
+        _set(self._points.normalIndex, np.zeros_like(points).tolist())
+
+
+def _set(field: Any, values: list) -> None:
+    """Give a field of many values just these."""
+    field.setNum(len(values))
+    if values:
+        field.setValues(0, len(values), values)
+
+
+def _index(rows: np.ndarray) -> list[int]:
+    """Indices row by row, each row closed by -1 as Coin wants them."""
+    return np.hstack([rows, np.full((len(rows), 1), -1)]).ravel().tolist()
+
+
+def _outline(triangles: np.ndarray) -> list[int]:
+    """Sides that belong to one triangle only, as lines of Coin."""
+    sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    unique, count = np.unique(sides, axis=0, return_counts=True)
+    return _index(unique[count == 1])
+
+
+def _smooth_normals(
+    points: np.ndarray, facets: np.ndarray, sheet: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Normals at the corners, smooth within each sheet, and their numbers for each facet.
+
+    Facets of a sheet are wound in no common sense: a corner takes the normal or its opposite,
+    whichever agrees with the facet.
+
+    Returns
+    -------
+    normals : (2 k, 3) array
+    number : (f, 3) int array
+    """
+    x = points[facets]
+    flat = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
+    size = np.linalg.norm(flat, axis=1)
+    key = (sheet[:, None].astype(np.int64) * len(points) + facets).ravel()
+    _, corner = np.unique(key, return_inverse=True)
+    corner = corner.ravel()
+    count = int(corner.max()) + 1 if len(corner) else 0
+    facet = np.repeat(np.arange(len(facets)), 3)
+    # the largest facet at a corner says which of the two senses is summed
+    largest = np.zeros(count, dtype=np.int64)
+    order = np.argsort(size[facet], kind="stable")
+    largest[corner[order]] = facet[order]
+    sense = np.sign(np.einsum("ki,ki->k", flat[facet], flat[largest[corner]]))
+    total = np.column_stack(
+        [np.bincount(corner, sense * flat[facet, i], count) for i in range(3)]
+    ) if count else np.zeros((0, 3))  # fmt: skip
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    total = np.where(length > 0.0, total / np.where(length > 0.0, length, 1.0), (0.0, 0.0, 1.0))
+    along = np.einsum("ki,ki->k", flat[facet], total[corner]) >= 0.0
+    number = np.where(along, corner, corner + count).reshape(-1, 3)
+    return np.vstack([total, -total]), number
+
+
+def _preferred_colour(hovered: bool) -> tuple[float, float, float]:
+    """The colour that FreeCAD's preferences give to what is under the mouse, or selected."""
+    group = FreeCAD.ParamGet("User parameter:BaseApp/Preferences/View")
+    if hovered:
+        packed = group.GetUnsigned("HighlightColor", 0xE1E114FF)
+    else:
+        packed = group.GetUnsigned("SelectionColor", 0x1CAD1CFF)
+    return tuple((packed >> shift & 0xFF) / 255.0 for shift in (24, 16, 8))
