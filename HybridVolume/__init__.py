@@ -21,7 +21,15 @@ __version__ = "0.1.0"
 
 version = __version__
 
-_FUNCTIONS = ("complete", "medial_axis", "read_step", "to_document", "to_fem")
+_FUNCTIONS = (
+    "complete",
+    "edit_midstructure",
+    "find_midstructure",
+    "medial_axis",
+    "read_step",
+    "to_document",
+    "to_fem",
+)
 
 __all__ = [*_FUNCTIONS, "version"]
 

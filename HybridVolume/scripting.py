@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from HybridVolume.core.hybrid import HybridVolume
     from HybridVolume.core.midstructure import Midstructure
     from HybridVolume.core.surface import PatchSurface, SplineFace
+    from HybridVolume.objects.midstructure_editor import Editor
     from HybridVolume.sources import Body
 
 
@@ -48,6 +49,7 @@ def complete(
     body: Any,
     w0: float = 0.5,
     *,
+    own: Any = None,
     progress: Callable[[Progress], None] | None = None,
     python: str | None = None,
     **options: Any,
@@ -60,12 +62,15 @@ def complete(
         One closed body of untrimmed NURBS faces, mm.
     w0 : float
         Thickness of the shell: share of the way to the midstructure, in (0, 1).
+    own : sequence of App.DocumentObject or Part.Shape, or (vertices, facets), optional
+        Points, wires or faces inside the body that serve as its midstructure, mm.
     progress : callable, optional
         Called with a :class:`HybridVolume.job.Progress` now and then.
     python : str, optional
         Interpreter of the worker.
     **options
-        Further options of :class:`HybridVolume.core.pipeline.Options`.
+        Further options of :class:`HybridVolume.core.pipeline.Options`, such as ``midstructure``
+        and ``decisions=("remove Face3+Face9",)``.
 
     Returns
     -------
@@ -76,8 +81,86 @@ def complete(
     HybridVolumeError
         The body is refused, no valid shell was found, or the worker died.
     """
-    with Job(faces_of(body), options={"w0": w0, **options}, python=python) as job:
+    if own is not None:
+        options.setdefault("midstructure", "own")
+    job = Job(
+        faces_of(body),
+        options={"w0": w0, "strict_decisions": True, **options},
+        own=_own(own),
+        python=python,
+    )
+    with job:
         return job.run(progress)
+
+
+def find_midstructure(
+    body: Any,
+    method: str = "auto",
+    *,
+    own: Any = None,
+    progress: Callable[[Progress], None] | None = None,
+    python: str | None = None,
+    **search: Any,
+) -> Midstructure:
+    """Find the midstructure of a body; wait for the worker process.
+
+    Parameters
+    ----------
+    body, own, progress, python
+        As for :func:`complete`.
+    method : {"auto", "medial-axis", "skeleton", "distance", "own"}
+    **search
+        ``samples``, ``angle``, ``minimum_size``, ``depth``, ``decisions`` as of
+        :class:`HybridVolume.core.midstructure.Search`.
+
+    Returns
+    -------
+    Midstructure
+        Its ``choose`` keeps other sheets.
+
+    Raises
+    ------
+    HybridVolumeError
+        The body is refused, a value is out of range, or a decision fits no sheet.
+    """
+    if own is not None and method == "auto":
+        method = "own"
+    job = Job(
+        faces_of(body),
+        options={"midstructure": method, "strict_decisions": True, **search},
+        goal="midstructure",
+        own=_own(own),
+        python=python,
+    )
+    with job:
+        return job.run(progress)
+
+
+def edit_midstructure(obj: Any) -> Editor:
+    """Return what changes a midstructure of a document, each change as one step of Undo.
+
+    Parameters
+    ----------
+    obj : App.DocumentObject
+        A midstructure, or the hybrid volume that it belongs to.
+
+    Raises
+    ------
+    InputError
+        It is neither.
+    """
+    from HybridVolume.objects.midstructure_editor import Editor
+
+    return Editor(getattr(obj, "Midstructure", None) or obj)
+
+
+def _own(own: Any) -> Any:
+    """Vertices and facets of the user's geometry."""
+    if own is None or (isinstance(own, tuple) and len(own) == 2 and hasattr(own[0], "dtype")):
+        return own
+    from HybridVolume.objects.own_geometry import tessellate
+
+    return tessellate(own if isinstance(own, list | tuple) else [own])
 
 
 def medial_axis(body: Any, samples: int | None = None) -> Midstructure:

@@ -31,6 +31,7 @@ import HybridVolume
 from HybridVolume.core.element_jacobians import scaled_jacobian
 from HybridVolume.objects import document, fem_mesh
 from HybridVolume.objects.fingerprint import fingerprint
+from HybridVolume.objects.midstructure import chosen
 from HybridVolume.objects.volume import CHILDREN
 
 
@@ -105,9 +106,8 @@ def test_saved_and_reopened(doc, box, volume, tmp_path):
         stored = np.array([tuple(p) for p in volume.FemMesh.FemMesh.Nodes.values()])
         assert np.array_equal(np.unique(stored, axis=0), np.unique(nodes, axis=0))
         assert volume.Shell.FemMesh.VolumeCount == volume.Core.FemMesh.VolumeCount == 12
-        with np.load(volume.Midstructure.Facets) as facets:
-            assert facets["kept"].tolist() == [True]
-        assert volume.Midstructure.Decisions == ["kept Face5+Face6 @ 1.5 1 0.5"]
+        assert chosen(volume.Midstructure).kept.tolist() == [True]
+        assert volume.Midstructure.Kept == (True,) and volume.Midstructure.Decisions == []
         assert volume.Report["shell.elements"] == "6"
     finally:
         FreeCAD.closeDocument(again.Name)

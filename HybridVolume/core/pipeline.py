@@ -317,6 +317,7 @@ def search_figures(options: Options) -> dict[str, Any]:
     """Plain values of how the midstructure was asked for."""
     search = options.search
     return {
+        "asked": search.method,
         "samples": search.samples,
         "angle": search.angle,
         "minimum_size": search.minimum_size,

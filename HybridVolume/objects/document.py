@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import FreeCAD
-import numpy as np
 import Part
 
+from HybridVolume.core.hybrid import save_midstructure
 from HybridVolume.errors import FaultError
 from HybridVolume.sources import check_against_cad, global_shape
 
@@ -26,14 +26,23 @@ from .fem_mesh import (
     cover,
     make_mesh_object,
 )
-from .midstructure import make_midstructure
-from .properties import transaction
-from .volume import UP_TO_DATE, changes, current_inputs, make_volume, set_status, update_status
+from .midstructure import PARAMETERS, insert_found, make_midstructure, search_inputs
+from .properties import include, transaction
+from .volume import (
+    GEOMETRY,
+    UP_TO_DATE,
+    changes,
+    complete_parameters,
+    current_inputs,
+    inputs_of,
+    make_volume,
+    set_status,
+    update_status,
+)
 
 if TYPE_CHECKING:
     from HybridVolume.core.finite_elements import FiniteElementMesh
     from HybridVolume.core.hybrid import HybridVolume
-    from HybridVolume.core.midstructure import Sheet
     from HybridVolume.sources import Body
 
 
@@ -53,10 +62,12 @@ class Completed:
     report : dict
         As in report.json.
     parameters : mapping
-        Properties of the volume that it was computed with, and ``"Midstructure.Method"``,
-        ``"FemMesh.Order"``, ``"FemMesh.Density"``.
+        What it was computed with, by the names of `volume.current_parameters`; what is absent had
+        its default.
     fingerprint : str
         Of the source when it was read.
+    geometry : Part.Shape, optional
+        Geometry for the midstructure ``own`` that is in no document yet.
     """
 
     body: Body
@@ -66,6 +77,7 @@ class Completed:
     report: Mapping[str, Any]
     parameters: Mapping[str, Any]
     fingerprint: str
+    geometry: Any | None = None
 
 
 class Prepared:
@@ -127,7 +139,8 @@ def insert(
         The body.
     prepared : sequence of Prepared
     replaced : App.DocumentObject, optional
-        A hybrid volume that takes the (single) new result instead of a new object.
+        A hybrid volume that takes the (single) new result instead of a new object; parts that it
+        has not yet are made. Its decisions stay: they are replayed on the new midstructure.
 
     Returns
     -------
@@ -142,11 +155,14 @@ def insert(
     with transaction(doc, "Complete the volume"):
         volumes = []
         for one in prepared:
-            obj = replaced or _make_objects(doc, one)
+            obj = replaced
+            if obj is None:
+                obj = make_volume(doc)
+                obj.Label = f"{one.completed.body.name} hybrid volume"
             obj.Source = source
             # Shell and body have the same outside.
             source.Visibility = False
-            _fill(obj, one)
+            _fill(doc, obj, one, keep_decisions=replaced is not None)
             volumes.append(obj)
         doc.recompute()
         for obj in volumes:
@@ -217,24 +233,33 @@ def save_new(prepared: Sequence[Prepared], path: str | os.PathLike) -> None:
         FreeCAD.closeDocument(doc.Name)
 
 
-def _make_objects(doc: Any, prepared: Prepared) -> Any:
-    obj = make_volume(doc)
-    obj.Label = f"{prepared.completed.body.name} hybrid volume"
-    obj.Midstructure = make_midstructure(doc)
+def _make_parts(doc: Any, obj: Any) -> None:
+    """Make what a volume has not yet."""
+    if obj.Midstructure is None:
+        obj.Midstructure = make_midstructure(doc)
     for part in ("Shell", "Core"):
-        setattr(obj, part, make_mesh_object(doc, part, PartMesh))
-    obj.FemMesh = make_mesh_object(doc, "FemMesh", AnalysisMesh)
-    return obj
+        if getattr(obj, part) is None:
+            setattr(obj, part, make_mesh_object(doc, part, PartMesh))
+    if obj.FemMesh is None:
+        obj.FemMesh = make_mesh_object(doc, "FemMesh", AnalysisMesh)
 
 
-def _fill(obj: Any, prepared: Prepared) -> None:
+def _fill(doc: Any, obj: Any, prepared: Prepared, *, keep_decisions: bool) -> None:
     one = prepared.completed
+    _make_parts(doc, obj)
+    parameters = complete_parameters(one.parameters)
     for name in ("W0", "Layers", "Degree", "Tolerance"):
-        setattr(obj, name, one.parameters[name])
+        setattr(obj, name, parameters[name])
     obj.Solid = one.solid
-    obj.Midstructure.Method = one.parameters["Midstructure.Method"]
-    obj.FemMesh.Order = one.parameters["FemMesh.Order"]
-    obj.FemMesh.Density = one.parameters["FemMesh.Density"]
+    for name in PARAMETERS:
+        # what the user decided while the worker was busy must not be lost
+        if not (keep_decisions and name == "Decisions"):
+            value = parameters[f"Midstructure.{name}"]
+            setattr(obj.Midstructure, name, list(value) if name == "Decisions" else value)
+    if one.geometry is not None:
+        obj.Midstructure.Geometry = [_geometry_object(doc, one)]
+    obj.FemMesh.Order = parameters["FemMesh.Order"]
+    obj.FemMesh.Density = parameters["FemMesh.Density"]
     obj.FemMesh.Shape = _analysis_body(obj, prepared)
     obj.FemMesh.FemMesh = prepared.analysis
     obj.FemMesh.Groups = prepared.groups
@@ -243,19 +268,30 @@ def _fill(obj: Any, prepared: Prepared) -> None:
         child.FemMesh = mesh
         child.Elements = count
     _fill_midstructure(obj.Midstructure, prepared)
-    _include(obj, "Result", one.result)
+    include(obj, "Result", one.result)
     obj.Report = flat(prepared.report)
     shell = prepared.report["shell"]
     obj.W0Reached = shell["w0"]
     obj.Elements = shell["elements"]
     obj.MinimumScaledJacobian = shell["min_scaled_jacobian"]
-    inputs = current_inputs(obj)
-    # The body may have been edited while the worker was busy: then the result is out of date.
-    obj.ComputedFrom = {**inputs, "Source": one.fingerprint}
-    stale = [name for name in changes(obj.ComputedFrom, inputs) if name != "Source"]
+    # Body, geometry and decisions may have been edited while the worker was busy: then the result
+    # is out of date.
+    computed_from = {**inputs_of(parameters), "Source": one.fingerprint}
+    obj.ComputedFrom = computed_from
+    edited = ("Source", GEOMETRY, *(("Midstructure.Decisions",) if keep_decisions else ()))
+    stale = [name for name in changes(computed_from, current_inputs(obj)) if name not in edited]
     if stale:
         raise FaultError(f"the document did not take {', '.join(stale)}")
     set_status(obj, UP_TO_DATE)
+
+
+def _geometry_object(doc: Any, completed: Completed) -> Any:
+    """The user's geometry as an object of the document."""
+    obj = doc.addObject("Part::Feature", "MidstructureGeometry")
+    obj.Label = f"{completed.body.name} midstructure geometry"
+    obj.Shape = completed.geometry
+    obj.Visibility = False
+    return obj
 
 
 def _analysis_body(obj: Any, prepared: Prepared) -> Any:
@@ -280,26 +316,14 @@ def _analysis_body(obj: Any, prepared: Prepared) -> Any:
 
 
 def _fill_midstructure(obj: Any, prepared: Prepared) -> None:
-    found = prepared.completed.volume.midstructure
-    obj.MethodUsed = found.method
-    obj.Decisions = [decision(sheet) for sheet in found.sheets]
     with tempfile.TemporaryDirectory(prefix="hybridvolume-") as folder:
         path = os.path.join(folder, "facets.npz")
-        np.savez(
-            path, vertices=found.vertices, facets=found.facets, sheet=found.sheet, kept=found.kept
-        )
-        _include(obj, "Facets", path)
-
-
-def decision(sheet: Sheet) -> str:
-    """What was decided about a sheet, in words that find it again: faces and a point (mm)."""
-    point = " ".join(f"{x:.9g}" for x in sheet.seed)
-    return f"{'kept' if sheet.kept else 'removed'} {'+'.join(sheet.faces)} @ {point}"
-
-
-def _include(obj: Any, name: str, path: str | os.PathLike) -> None:
-    """Take a copy of a file into a document."""
-    setattr(obj, name, (str(path), f"{obj.Name}_{name}.npz"))
+        save_midstructure(prepared.completed.volume.midstructure, path)
+        one = prepared.completed
+        found_from = {**search_inputs(obj), "Source": one.fingerprint}
+        if GEOMETRY in one.parameters:
+            found_from["Geometry"] = one.parameters[GEOMETRY]
+        insert_found(obj, path, found_from)
 
 
 def flat(report: Mapping[str, Any], prefix: str = "") -> dict[str, str]:

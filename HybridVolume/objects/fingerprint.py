@@ -17,8 +17,9 @@ _GRID = np.linspace(0.0, 1.0, 5)
 def fingerprint(shape: Any) -> str:
     """Return a hash of a shape's geometry, the same after saving and reopening.
 
-    Control points and weights of B-spline faces count, 5 x 5 points of any other face, both
-    rounded to 1e-9 of the diagonal; triangulations and names do not.
+    Control points and weights of B-spline faces count, 5 x 5 points of any other face, 17 points of
+    an edge and the vertices where there are no solids, all rounded to 1e-9 of the diagonal;
+    triangulations and names do not.
 
     Parameters
     ----------
@@ -40,6 +41,18 @@ def fingerprint(shape: Any) -> str:
             points = np.array(
                 [face.valueAt(u0 + (u1 - u0) * s, v0 + (v1 - v0) * t) for s in _GRID for t in _GRID]
             )
-        # The odd offset keeps plain figures, which bodies are full of, off the rounding's edges.
-        digest.update(np.floor(points / step + _OFFSET).astype(np.int64).tobytes())
+        digest.update(_rounded(points, step))
+    if not shape.Solids:
+        for edge in shape.Edges:
+            if not edge.Degenerated:
+                first, last = edge.ParameterRange
+                places = np.linspace(first, last, 17)
+                points = [tuple(edge.valueAt(place)) for place in places.tolist()]
+                digest.update(_rounded(np.array(points), step))
+        digest.update(_rounded(np.array([tuple(v.Point) for v in shape.Vertexes]), step))
     return digest.hexdigest()[:32]
+
+
+def _rounded(points: np.ndarray, step: float) -> bytes:
+    # The odd offset keeps plain figures, which bodies are full of, off the rounding's edges.
+    return np.floor(points / step + _OFFSET).astype(np.int64).tobytes()

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -74,9 +75,8 @@ class DocumentObject:
                 if value in row.choices:
                     setattr(obj, name, value)
             obj.setEditorMode(name, list(row.mode))
-            if row.mode:
-                # What the program writes must not make the document ask for a recompute.
-                obj.setPropertyStatus(name, "Output")
+            # What the program writes must not make the document ask for a recompute.
+            obj.setPropertyStatus(name, "Output" if row.mode else "-Output")
 
     def onDocumentRestored(self, obj: Any) -> None:
         """Bring an object of an older file up to date."""
@@ -129,3 +129,8 @@ def transaction(doc: Any, name: str) -> Iterator[None]:
         doc.abortTransaction()
         raise
     doc.commitTransaction()
+
+
+def include(obj: Any, name: str, path: str | os.PathLike) -> None:
+    """Take a copy of a file into a property of a document object."""
+    setattr(obj, name, (str(path), f"{obj.Name}_{name}.npz"))

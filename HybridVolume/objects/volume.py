@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 from HybridVolume.sources import global_shape
 
+from . import midstructure
 from .fingerprint import fingerprint
-from .properties import DocumentObject, Property
+from .midstructure import UP_TO_DATE
+from .properties import DocumentObject, Property, transaction
 
 if TYPE_CHECKING:
     from HybridVolume.core.hybrid import HybridVolume
@@ -19,7 +21,7 @@ _PARAMETERS = "Parameters"
 _RESULT = "Result"
 _PARTS = "Parts"
 
-UP_TO_DATE = "Up to date"
+NOT_COMPUTED = "Not computed"
 
 CHILDREN = ("Midstructure", "Shell", "Core", "FemMesh")
 """Links from a hybrid volume to its parts, in the order of the tree."""
@@ -110,19 +112,83 @@ def make_volume(doc: Any, name: str = "HybridVolume") -> Any:
     """Add an empty hybrid volume to a document."""
     obj = doc.addObject("App::FeaturePython", name)
     VolumeObject(obj)
+    obj.Status = NOT_COMPUTED
     return obj
+
+
+def start(doc: Any, source: Any, solid: int = 1) -> Any:
+    """Add a hybrid volume with its midstructure, before anything is computed; one step of Undo.
+
+    Parameters
+    ----------
+    doc : App.Document
+    source : App.DocumentObject
+        The body.
+    solid : int
+        Which solid of it, from 1.
+
+    Returns
+    -------
+    App.DocumentObject
+        Without Shell, Core and FemMesh: `document.insert` makes them with the result.
+    """
+    with transaction(doc, "Create a hybrid volume"):
+        obj = make_volume(doc)
+        obj.Label = f"{source.Label} hybrid volume"
+        obj.Source = source
+        obj.Solid = solid
+        obj.Midstructure = midstructure.make_midstructure(doc)
+        doc.recompute()
+    return obj
+
+
+_OWN = ("W0", "Layers", "Degree", "Tolerance")
+_MESH = {"FemMesh.Order": "Second", "FemMesh.Density": "knots"}
+_MIDSTRUCTURE = "Midstructure."
+GEOMETRY = "Midstructure.Geometry"
+
+
+def current_parameters(obj: Any) -> dict[str, Any]:
+    """What a result of the object would be computed with now, by name.
+
+    Returns
+    -------
+    dict
+        For the method ``own`` with the fingerprint of the geometry, ``"Midstructure.Geometry"``.
+    """
+    values = {name: getattr(obj, name) for name in _OWN}
+    child = obj.Midstructure
+    if child:
+        found = midstructure.parameters(child)
+        values |= {f"{_MIDSTRUCTURE}{name}": value for name, value in found.items()}
+        if child.Method == "own":
+            values[GEOMETRY] = midstructure.geometry_fingerprint(child.Geometry)
+    if obj.FemMesh:
+        values["FemMesh.Order"] = obj.FemMesh.Order
+        values["FemMesh.Density"] = obj.FemMesh.Density
+    return complete_parameters(values)
+
+
+def complete_parameters(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Add the defaults of what is not among the values."""
+    defaults = {f"{_MIDSTRUCTURE}{k}": v for k, v in midstructure.PARAMETERS.items()}
+    return {**defaults, **_MESH, **values}
+
+
+def inputs_of(parameters: Mapping[str, Any]) -> dict[str, str]:
+    """Parameters as text by name, only those that the result depends on."""
+    values = complete_parameters(parameters)
+    texts = {name: repr(values[name]) for name in _OWN}
+    found = {name: values[f"{_MIDSTRUCTURE}{name}"] for name in midstructure.PARAMETERS}
+    relevant = midstructure.relevant(found)
+    texts |= {f"{_MIDSTRUCTURE}{name}": text for name, text in relevant.items()}
+    texts |= {name: str(values[name]) for name in (*_MESH, GEOMETRY) if name in values}
+    return texts
 
 
 def current_inputs(obj: Any) -> dict[str, str]:
     """What a result of the object would be computed from now, as text by name."""
-    values = {name: repr(getattr(obj, name)) for name in ("W0", "Layers", "Degree", "Tolerance")}
-    if obj.Midstructure:
-        values["Midstructure.Method"] = obj.Midstructure.Method
-    if obj.FemMesh:
-        values["FemMesh.Order"] = obj.FemMesh.Order
-        values["FemMesh.Density"] = obj.FemMesh.Density
-    values["Source"] = source_fingerprint(obj.Source)
-    return values
+    return {**inputs_of(current_parameters(obj)), "Source": source_fingerprint(obj.Source)}
 
 
 def options_of(parameters: Mapping[str, Any]) -> dict[str, Any]:
@@ -131,27 +197,38 @@ def options_of(parameters: Mapping[str, Any]) -> dict[str, Any]:
     Parameters
     ----------
     parameters : mapping
-        By the names that :func:`current_inputs` has.
+        By the names that :func:`current_parameters` has; what is absent has its default.
     """
+    values = complete_parameters(parameters)
     return {
-        "w0": parameters["W0"],
-        "layers": parameters["Layers"],
-        "degree": parameters["Degree"],
-        "tolerance": parameters["Tolerance"],
-        "midstructure": parameters["Midstructure.Method"],
-        "order": 2 if parameters["FemMesh.Order"] == "Second" else 1,
-        "nodes": parameters["FemMesh.Density"],
+        "w0": values["W0"],
+        "layers": values["Layers"],
+        "degree": values["Degree"],
+        "tolerance": values["Tolerance"],
+        "midstructure": values["Midstructure.Method"],
+        "samples": values["Midstructure.Samples"],
+        "angle": values["Midstructure.Angle"],
+        "minimum_size": values["Midstructure.MinimumSize"],
+        "depth": values["Midstructure.Depth"],
+        "decisions": list(values["Midstructure.Decisions"]),
+        "order": 2 if values["FemMesh.Order"] == "Second" else 1,
+        "nodes": values["FemMesh.Density"],
     }
 
 
 def parameters_of(volume: HybridVolume) -> dict[str, Any]:
     """What an object's parameters were when a volume was computed, as far as the volume tells."""
+    search = volume.report.get("search", {})
+    words = {"Samples": "samples", "Angle": "angle", "MinimumSize": "minimum_size"}
+    words |= {"Depth": "depth", "Decisions": "decided"}
+    found = {f"{_MIDSTRUCTURE}{k}": search[word] for k, word in words.items() if word in search}
     return {
         "W0": volume.shell.w0_asked,
         "Layers": volume.shell.layer_count,
         "Degree": volume.shell.degree_w,
         "Tolerance": VolumeObject.PROPERTIES["Tolerance"].default,
-        "Midstructure.Method": "auto",
+        **found,
+        "Midstructure.Method": search.get("asked", "auto"),
         "FemMesh.Order": "Second" if volume.fem.order == 2 else "First",
         "FemMesh.Density": volume.interface.nodes,
     }
@@ -165,22 +242,30 @@ def source_fingerprint(source: Any) -> str:
 
 def changes(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
     """Names of the inputs that differ."""
-    return [name for name in sorted({*before, *now}) if before.get(name) != now.get(name)]
+    names = [name for name in sorted({*before, *now}) if before.get(name) != now.get(name)]
+    if "Midstructure.Method" in names:
+        # another method looks at other parameters: the method says it all
+        names = [name for name in names if name in before and name in now]
+    return names
 
 
 def update_status(obj: Any) -> None:
-    """Write into the object's Status, and its parts', whether the result is up to date."""
+    """Write into the Status of a volume, and of its parts, whether the result is up to date."""
     if not obj.Result:
-        status = obj.Status or "Not computed"
+        status = obj.Status or NOT_COMPUTED
+    elif "Midstructure.Decisions" not in obj.ComputedFrom:
+        status = "Out of date: computed by an earlier version"
     else:
         changed = changes(obj.ComputedFrom, current_inputs(obj))
         words = ["the body" if name == "Source" else name for name in changed]
         status = f"Out of date: {', '.join(words)} changed" if words else UP_TO_DATE
     set_status(obj, status)
+    if obj.Midstructure:
+        midstructure.update_choice(obj.Midstructure)
 
 
 def set_status(obj: Any, status: str) -> None:
-    """Set the Status of a volume and of its parts; nothing is touched that has it already."""
-    for one in (obj, *(getattr(obj, name) for name in CHILDREN)):
+    """Set the Status of a volume and of its meshes; nothing is touched that has it already."""
+    for one in (obj, *(getattr(obj, name) for name in CHILDREN if name != "Midstructure")):
         if one is not None and one.Status != status:
             one.Status = status

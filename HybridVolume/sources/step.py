@@ -61,6 +61,22 @@ def read_file(path: str | os.PathLike) -> list[Body]:
         One of its kinds: the file cannot be read, holds no solid, or every body is refused.
     """
     path = Path(path)
+    return read_shape(read_any_shape(path), path.stem)
+
+
+def read_any_shape(path: str | os.PathLike) -> Any:
+    """Everything in a STEP or BREP file as one Part.Shape, solids or not.
+
+    Parameters
+    ----------
+    path : path
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or holds nothing.
+    """
+    path = Path(path)
     suffix = path.suffix.lower()
     content = _content(path, suffix)
     if suffix in STEP_SUFFIXES:
@@ -87,7 +103,7 @@ def read_file(path: str | os.PathLike) -> list[Body]:
             figure=float(len(shape.Solids)),
             remedy=_REPAIR,
         )
-    return read_shape(shape, path.stem)
+    return shape
 
 
 def _content(path: Path, suffix: str) -> bytes:
