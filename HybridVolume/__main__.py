@@ -2,6 +2,8 @@
 # SPDX-FileCopyrightText: The HybridVolume authors
 """The command line: ``python -m HybridVolume BODY.step [options]``, in FreeCAD's Python.
 
+``reproduce`` as the first word remakes a figure or table of the documentation instead.
+
 Ends with 0 when every element is certified, 2 for an input that is refused (one line says why), 1
 for a fault of its own; 128 + n when signal n ended it. Nothing half-written ever stays.
 """
@@ -10,20 +12,22 @@ from __future__ import annotations
 
 import argparse
 import logging
+import math
 import signal
 import sys
 import traceback
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, NoReturn
 
 import HybridVolume
 from HybridVolume.completion import Screen, complete_file
-from HybridVolume.errors import HybridVolumeError
+from HybridVolume.errors import HybridVolumeError, InputError
 from HybridVolume.job import exit_code
 
-METHODS = ("auto", "medial-axis")
-LATER = ("fit", "reproduce", "bench")
+LATER = ("fit", "bench")
 """Words that a later version takes as commands."""
+GEOMETRY_SUFFIXES = (".step", ".stp", ".brep", ".brp")
 
 
 class Parser(argparse.ArgumentParser):
@@ -48,6 +52,61 @@ def _count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is no count of 1 or more")
     return int(text)
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text!r} is no number")
+    return value
+
+
+def _samples(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of samples")
+    return int(text)
+
+
+def _midstructure(text: str) -> str:
+    """A method that needs nothing else, or a file."""
+    if Path(text).suffix.lower() in GEOMETRY_SUFFIXES:
+        return text
+    from HybridVolume.core.midstructure.search import METHODS
+
+    methods = [method for method in METHODS if method != "own"]
+    if text not in methods:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is none of {', '.join(methods)}, and no STEP or BREP file"
+        )
+    return text
+
+
+def _depth(text: str) -> str:
+    from HybridVolume.core.midstructure.search import parse_depth
+
+    try:
+        parse_depth(text)
+    except InputError as error:
+        raise argparse.ArgumentTypeError(error.line) from None
+    return text
+
+
+class _Decide(argparse.Action):
+    """Collects decisions about sheets of all kinds in their order."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: Any, values: Any, option: Any = None
+    ) -> None:
+        from HybridVolume.core.midstructure import Decision
+
+        try:
+            decision = Decision.about(self.const, values)
+        except InputError as error:
+            raise argparse.ArgumentError(self, error.line) from None
+        namespace.decisions = [*namespace.decisions, str(decision)]
 
 
 def parser() -> Parser:
@@ -82,12 +141,7 @@ def parser() -> Parser:
         metavar="P",
         help="degree through the shell (default: 3)",
     )
-    p.add_argument(
-        "--midstructure",
-        choices=METHODS,
-        default="auto",
-        help="what the shell grows towards (default: auto)",
-    )
+    _add_midstructure(p)
     p.add_argument(
         "--order", type=int, choices=(1, 2), default=2, help="order of the FEM mesh (default: 2)"
     )
@@ -109,9 +163,71 @@ def parser() -> Parser:
     return p
 
 
+def _add_midstructure(p: Parser) -> None:
+    group = p.add_argument_group("midstructure", "what the shell grows towards, inside the body")
+    group.add_argument(
+        "--midstructure",
+        type=_midstructure,
+        default="auto",
+        metavar="M",
+        help="auto, medial-axis, skeleton (curves, for tubular bodies), distance (a surface of "
+        "equal distance), or a STEP or BREP file with points, wires or faces (default: auto)",
+    )
+    group.add_argument(
+        "--depth",
+        type=_depth,
+        default="50%",
+        metavar="D",
+        help="of distance: a share of the largest distance or mm, e.g. 50%% or 2.5mm "
+        "(default: 50%%)",
+    )
+    group.add_argument(
+        "--samples",
+        type=_samples,
+        default=0,
+        metavar="N",
+        help="samples of the surface (default: 0, by the body)",
+    )
+    group.add_argument(
+        "--angle",
+        type=_number,
+        default=125.0,
+        metavar="DEG",
+        help="smallest object angle of what a medial axis keeps (default: 125)",
+    )
+    group.add_argument(
+        "--minimum-size",
+        type=_number,
+        default=1.0,
+        metavar="S",
+        help="smallest area of a part that a medial axis keeps, in squares of its distance to the "
+        "surface (default: 1)",
+    )
+    p.set_defaults(decisions=[])
+    for action, words in (
+        ("remove", "leave the sheets between two faces out; @u,v names the one at that place of "
+         "the first face (repeatable)"),
+        ("keep", "keep them (repeatable)"),
+        ("only", "keep them and no others (repeatable)"),
+    ):  # fmt: skip
+        group.add_argument(
+            "--keep-only" if action == "only" else f"--{action}-sheet",
+            action=_Decide,
+            const=action,
+            dest="decisions",
+            metavar="Face3+Face9[@u,v]",
+            help=words,
+        )
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    options = parser().parse_args(arguments)
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if words[:1] == ["reproduce"]:
+        from HybridVolume.reproduce import main as reproduce
+
+        return reproduce(words[1:])
+    options = parser().parse_args(words)
     if options.body in LATER:
         parser().error(f"{options.body} is no command of version {HybridVolume.version}")
     # Warnings of the library are told in the report and in our own lines.

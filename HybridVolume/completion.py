@@ -16,7 +16,7 @@ from typing import Any
 
 from HybridVolume import report
 from HybridVolume.delivery import OutputFolder
-from HybridVolume.errors import HybridVolumeError
+from HybridVolume.errors import HybridVolumeError, InputError
 from HybridVolume.freecad_python import import_freecad
 from HybridVolume.job import EXPORTS, REPORT_FILE, Job, Progress, exit_code, worker_python
 
@@ -94,13 +94,16 @@ def complete_file(options: argparse.Namespace, screen: Screen) -> int:
 
         parameters = parameters_of(options)
         Options(**options_of(parameters))  # refuses what is out of range before the long work
+        geometry = _Geometry(options.midstructure) if _names_file(options) else None
         bodies = sources.read_file(options.body)
+        check_named_faces(options.decisions, bodies)
         reading = time.perf_counter() - started
-        writer = _Writer(options, parameters, output, screen, python, len(bodies))
+        writer = _Writer(options, parameters, geometry, output, screen, python, len(bodies))
         outcomes = [writer.complete(body) for body in bodies]
         refused = [outcome for outcome in outcomes if outcome.error]
         if len(refused) == len(outcomes):
             raise refused[0].error
+        check_matched(options.decisions, outcomes)
         writer.save_document(stem)
         writer.save_report(outcomes, reading, started)
         names = output.deliver()
@@ -133,10 +136,90 @@ def parameters_of(options: argparse.Namespace) -> dict[str, Any]:
         "Layers": options.layers,
         "Degree": options.degree,
         "Tolerance": options.tolerance,
-        "Midstructure.Method": options.midstructure,
+        "Midstructure.Method": "own" if _names_file(options) else options.midstructure,
+        "Midstructure.Samples": options.samples,
+        "Midstructure.Angle": options.angle,
+        "Midstructure.MinimumSize": options.minimum_size,
+        "Midstructure.Depth": options.depth,
+        "Midstructure.Decisions": tuple(options.decisions),
         "FemMesh.Order": "Second" if options.order == 2 else "First",
         "FemMesh.Density": options.nodes,
     }
+
+
+def _names_file(options: argparse.Namespace) -> bool:
+    return bool(Path(options.midstructure).suffix)
+
+
+def decisions_about(decisions: Sequence[str], body: Any) -> list[str]:
+    """The decisions whose two faces a body has."""
+    from HybridVolume.core.midstructure import Decision
+
+    names = {face.name for face in body.faces}
+    return [text for text in decisions if names.issuperset(Decision.parse(text).faces)]
+
+
+def check_named_faces(decisions: Sequence[str], bodies: Sequence[Any]) -> None:
+    """Refuse a decision about faces that no body has, before the long work.
+
+    Raises
+    ------
+    InputError
+    """
+    usable = [body for body in bodies if not body.error]
+    for text in decisions:
+        if usable and not any(decisions_about([text], body) for body in usable):
+            most = max(len(body.faces) for body in usable)
+            raise InputError(
+                f"{text}: no body has these faces", remedy=f"name two of Face1 to Face{most}"
+            )
+
+
+def check_matched(decisions: Sequence[str], outcomes: Sequence[Outcome]) -> None:
+    """Refuse a decision that fits no sheet of any body that was completed with it.
+
+    Raises
+    ------
+    InputError
+    """
+    for text in decisions:
+        found = [one.report["midstructure"] for one in outcomes if one.report]
+        given = [figures for figures in found if text in figures["decided"]]
+        if given and all(text in figures["unmatched"] for figures in given):
+            largest = [sheet["name"] for figures in given for sheet in figures["decisions"][:5]]
+            raise InputError(
+                f"{text}: no such sheet", remedy=f"the largest sheets are {', '.join(largest)}"
+            )
+
+
+class _Geometry:
+    """Points, wires or faces of a file, shared out among the bodies."""
+
+    def __init__(self, path: str) -> None:
+        from HybridVolume.objects import own_geometry
+
+        self._shape = own_geometry.read_geometry(path)
+        self._name = Path(path).name
+
+    def of(self, body: Any, *, alone: bool) -> Any:
+        """The part for one body, a Part.Shape; everything where the body is alone.
+
+        Raises
+        ------
+        InputError
+            Nothing lies inside the body.
+        """
+        from HybridVolume.objects.own_geometry import parts_inside
+
+        if alone:
+            return self._shape
+        part = parts_inside(self._shape, body.shape)
+        if part is None:
+            raise InputError(
+                f"nothing in {self._name} lies inside this body",
+                remedy="add points, wires or faces for it",
+            )
+        return part
 
 
 class _Writer:
@@ -146,6 +229,7 @@ class _Writer:
         self,
         options: argparse.Namespace,
         parameters: dict[str, Any],
+        geometry: _Geometry | None,
         output: OutputFolder,
         screen: Screen,
         python: str,
@@ -153,6 +237,7 @@ class _Writer:
     ) -> None:
         self._options = options
         self._parameters = parameters
+        self._geometry = geometry
         self._output = output
         self._screen = screen
         self._python = python
@@ -171,12 +256,21 @@ class _Writer:
         return outcome
 
     def _complete(self, body: Any) -> dict[str, Any]:
-        from HybridVolume.objects import document, volume
+        from HybridVolume.objects import document, own_geometry, volume
 
+        alone = self._bodies == 1
+        parameters = dict(self._parameters)
+        parameters["Midstructure.Decisions"] = tuple(decisions_about(self._options.decisions, body))
+        geometry = own = None
+        if self._geometry:
+            geometry = self._geometry.of(body, alone=alone)
+            own = own_geometry.tessellate([geometry])
+            parameters[volume.GEOMETRY] = own_geometry.geometry_fingerprint([geometry])
         job = Job(
             body.faces,
             name=body.name,
-            options=volume.options_of(self._parameters),
+            options={**volume.options_of(parameters), "strict_decisions": alone},
+            own=own,
             source={"file": Path(self._options.body).name, "bodies": self._bodies},
             exports=EXPORTS,
             python=self._python,
@@ -195,8 +289,9 @@ class _Writer:
                     volume=result,
                     result=stored,
                     report=job.report(),
-                    parameters=self._parameters,
+                    parameters=parameters,
                     fingerprint=volume.fingerprint(body.shape),
+                    geometry=geometry,
                 )
             )
             for export in EXPORTS:

@@ -149,7 +149,6 @@ def test_refused_in_one_line(place, python, name):
         ((), "required: BODY.step"),
         (("bench",), "bench is no command"),
         (("fit", "x.step"), "unrecognized arguments"),
-        (("reproduce",), "reproduce is no command"),
         (("box.step", "--w0", "2"), "--w0: '2' is no number between 0 and 1"),
         (("box.step", "--w0", "0.001"), "w0 is 0.001"),
         (("box.step", "--layers", "0"), "--layers: '0' is no count"),

@@ -245,7 +245,8 @@ def midstructure_stage(
     check_surface(body)
     _check_uncut(body)
     search = options.search
-    report("midstructure", 0.05, search.method.replace("-", " "))
+    kind = "medial axis" if search.method == "auto" else search.method.replace("-", " ")
+    report("midstructure", 0.05, kind)
     found = find_midstructure(body, search, own)
     if found.unmatched and options.strict_decisions:
         raise InputError(

@@ -79,6 +79,28 @@ def read_geometry(path: str | os.PathLike) -> Any:
     return shape
 
 
+def parts_inside(shape: Any, solid: Any) -> Any | None:
+    """The faces, loose edges and loose vertices of a shape that begin inside a solid.
+
+    Parameters
+    ----------
+    shape : Part.Shape
+    solid : Part.Solid
+
+    Returns
+    -------
+    Part.Compound or None
+        None where there are none.
+    """
+    pieces = [*shape.Faces, *loose_edges(shape), *loose_vertices(shape)]
+    inside = [
+        piece
+        for piece in pieces
+        if any(solid.isInside(vertex.Point, 0.0, False) for vertex in piece.Vertexes)
+    ]
+    return Part.makeCompound(inside) if inside else None
+
+
 def geometry_fingerprint(objects: Sequence[Any]) -> str:
     """Fingerprint of the geometry of document objects; "none" without any."""
     shapes = []
