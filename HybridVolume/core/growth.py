@@ -42,6 +42,8 @@ THIN_STARTS = (0.5, 0.35, 0.25, 0.15, 0.1, 0.05, 0.025, 0.01)
 """Thicknesses of the thin start, as shares of the shortest net edge nearby."""
 REPAIRS = 9
 """Most local repairs in a row."""
+MERGES = (2, 4, 7, 12)
+"""Rings of elements around what is wrong that stay as they were, one after the other."""
 PATIENCE = 3
 """Repairs in a row without fewer bad elements after which to give up."""
 GRIDS = (1, 2)
@@ -207,6 +209,27 @@ class _Grower:
         share = near[:, None]
         return (1.0 - share) * d + share * straight, target * (1.0 - 0.4 * near)
 
+    def merged(self, sound: _State, wanted: _State) -> _State:
+        """The wanted columns, apart from those around its bad elements, which stay as they were.
+
+        Where a state is wrong in few places only, all the others need not wait for them.
+        """
+        bad = wanted.bad
+        state = wanted
+        for rings in MERGES:
+            if not len(bad) or len(bad) > 0.2 * self.surface.element_count:
+                break
+            share = np.minimum(2.0 * self.nearness(bad, rings), 1.0)
+            d = wanted.d + share[:, None] * (sound.d - wanted.d)
+            target = wanted.target + share * (
+                np.minimum(sound.target, wanted.target) - wanted.target
+            )
+            state = self.check(d, target)
+            bad = np.union1d(bad, state.bad)
+            if state.accepted:
+                break
+        return state
+
     def advance(
         self, state: _State, level: float, fidelity: float, repairs: int = REPAIRS
     ) -> _State:
@@ -230,8 +253,10 @@ class _Grower:
         best, polished = (first if first.accepted else None), False
         for number, fidelity in enumerate(FIDELITIES):
             # what only improves an accepted state is not worth many repairs
-            repairs = REPAIRS if best is None or number == 0 else 2
+            repairs = REPAIRS if best is None else 1
             state = self.advance(best or first, level, fidelity, repairs)
+            if best is not None and not state.accepted:
+                state = self.merged(best, state)
             self.report(0.5 + 0.1 * number, f"elements optimised, w = {state.mean:.3g}")
             # the first optimised state counts for its quality, whatever its level; where it fails
             # a stronger pull may hold the shell nearer to the front, which was sound
@@ -269,7 +294,9 @@ class _Grower:
         ratio, goal = 2.0, 0.0
         while best.mean < 0.97 * level and ratio > 1.1:
             goal = min(level, max(best.mean, 0.005) * ratio)
-            state = self.advance(best, goal, FIDELITIES[0])
+            state = self.advance(best, goal, FIDELITIES[0], 3)
+            if not state.accepted:
+                state = self.merged(best, state)
             if state.accepted and state.mean > best.mean * 1.02:
                 best = state
                 share = np.log(best.mean / 0.005) / np.log(level / 0.005)
