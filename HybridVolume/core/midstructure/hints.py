@@ -30,6 +30,7 @@ _NEIGHBOURS = 64
 _RIM = 0.35
 # Uphill: where the body is thicker by this factor within its own thickness.
 _GROWTH = 1.1
+_AROUND = 24
 # Nothing kept within so many half thicknesses of the thickest place uphill: not reached. The
 # corners of a box are √3 away, the tip of a 60 degree edge 2.
 _REACH = 2.5
@@ -99,7 +100,7 @@ def hints(midstructure: Midstructure, w0: float = 0.5) -> Hints:
     Returns
     -------
     Hints
-        Pieces nearer to each other than half the body's half thickness count as one.
+        Pieces nearer to each other than a quarter of the body's half thickness count as one.
     """
     probes = midstructure.probe_points
     if not midstructure.kept.any():
@@ -126,52 +127,53 @@ class _Kept:
     Attributes
     ----------
     points : (k, 3) array
-        Corners of the facets first, then centres of the facets or of their pieces; mm.
+        Corners of the facets, and centres of the facets or of their pieces; mm.
     radius, area : (k,) arrays
         Distance to the surface, mm, and what each sample stands for, mm².
     """
 
     def __init__(self, midstructure: Midstructure) -> None:
-        facets = midstructure.facets[midstructure.kept]
+        self._facets = midstructure.facets[midstructure.kept]
+        # parts of very many facets are dense enough
+        step = max(1, len(self._facets) // _MOST)
+        facets = self._facets[::step]
         used, local = np.unique(facets, return_inverse=True)
-        self._facets = local.reshape(facets.shape)
+        local = local.reshape(facets.shape)
         corner, radius = midstructure.vertices[used], midstructure.radius[used]
         half = midstructure.probe_radius
         thin = float(np.quantile(radius if half is None or not len(half) else half, 0.1))
-        x = corner[self._facets]
+        x = corner[local]
         longest = np.linalg.norm(np.roll(x, 1, axis=1) - x, axis=2).max(axis=1)
-        pieces = _pieces_of(longest, _SPACING * thin)
+        pieces = _pieces_of(longest, _SPACING * max(thin, 1e-3 * float(radius.max())))
         owner, share = _centres(pieces)
-        rows = self._facets[owner]
+        rows = local[owner]
         self.points = np.concatenate([corner, np.einsum("kc,kci->ki", share, corner[rows])])
         self.radius = np.concatenate([radius, np.einsum("kc,kc->k", share, radius[rows])])
-        area = midstructure.facet_areas[midstructure.kept] / pieces**2
+        area = 0.5 * np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
+        area *= step / pieces**2
         self.area = np.concatenate([np.zeros(len(corner)), area[owner]])
-        self._corners = len(corner)
-        self._owner = owner
+        self._vertex = np.concatenate([used, facets[owner, 0]])
         self.tree = cKDTree(self.points, balanced_tree=False, compact_nodes=False)
 
     def pieces(self) -> int:
         """Number of parts farther from each other than the balls that stand for points."""
-        n = self._corners
         a, b = self._facets[:, [0, 1, 1, 2]].reshape(-1, 2).T
-        count, label = _components(n, a, b)
-        if count == 1:
+        _, label = _components(int(self._facets.max()) + 1, a, b)
+        names, label = np.unique(label[self._vertex], return_inverse=True)
+        if len(names) == 1:
             return 1
-        label = np.concatenate([label, label[self._facets[self._owner, 0]]])
-        largest = label == np.bincount(label).argmax()
-        rest = np.flatnonzero(~largest)
-        rest = rest[:: -(-len(rest) // 4000)]
-        reach = BALL * self.radius[rest]
-        near = cKDTree(self.points[largest]).query(self.points[rest])[0] < reach
-        tree = cKDTree(self.points[rest])
-        around = tree.query_ball_point(self.points[rest], reach)
+        label = label.ravel()
+        first = np.bincount(label).argmax()
+        rest = np.flatnonzero(label != first)
+        rest = rest[:: -(-len(rest) // 2000)]
+        at, reach = self.points[rest], BALL * self.radius[rest]
+        near = cKDTree(self.points[label == first]).query(at)[0] < reach
+        around = cKDTree(at).query_ball_point(at, reach)
         one = np.repeat(label[rest], [len(k) for k in around])
         two = label[rest[np.concatenate([np.asarray(k, dtype=np.int64) for k in around])]]
-        first = label[largest][0]
         one = np.concatenate([one, label[rest[near]]])
         two = np.concatenate([two, np.full(int(near.sum()), first)])
-        return _components(count, one, two)[0]
+        return _components(len(names), one, two)[0]
 
     def estimated_thickness(
         self, distance: np.ndarray, nearest: np.ndarray, w0: float
@@ -273,17 +275,22 @@ def _unreached(midstructure: Midstructure, distance: np.ndarray) -> tuple[Unreac
     if not len(far):
         return ()
     tree = cKDTree(points)
+    # where the body is thinner than the probes are apart, the next ones are looked at
+    number = min(_AROUND, len(points))
+    apart = tree.query(points[far], k=number)[0].reshape(len(far), number)[:, -1]
+    reach = 3.0 * half
+    reach[far] = np.maximum(reach[far], apart)
     at = far
     for _ in range(20):
         here, which = np.unique(at, return_inverse=True)
-        around = tree.query_ball_point(points[here], 2.0 * half[here])
-        best = np.array([near[int(half[near].argmax())] for near in around])
+        around = tree.query_ball_point(points[here], reach[here], return_sorted=False)
+        best = np.array([max(near, key=half.__getitem__) for near in around])
         best = np.where(half[best] > _GROWTH * half[here], best, here)
         if (best == here).all():
             break
         at = best[which.ravel()]
     far = far[distance[at] > _REACH * half[at]]
-    around = tree.query_ball_point(points[far], 2.0 * half[far])
+    around = tree.query_ball_point(points[far], reach[far])
     one = np.repeat(far, [len(near) for near in around])
     two = np.concatenate([np.asarray(near, dtype=np.int64) for near in around] or [far])
     inside = np.isin(two, far)
