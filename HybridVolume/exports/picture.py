@@ -58,13 +58,43 @@ def write_picture(
     """
     if importlib.util.find_spec("pyvista") is None:
         raise SetupError("pyvista is not installed: no picture", remedy="install pyvista")
-    scene = cutaway(volume)
+    write_scene(path, cutaway(volume), interpreter(), size=size, time_limit=time_limit)
+
+
+def write_scene(
+    path: str | os.PathLike,
+    scene: Scene,
+    python: str,
+    *,
+    size: tuple[int, int] = (1600, 1200),
+    time_limit: float = 120.0,
+) -> None:
+    """Draw a scene without a screen.
+
+    Parameters
+    ----------
+    path : path
+    scene : Scene
+    python : str
+        An interpreter that has pyvista.
+    size : (int, int)
+        Pixels.
+    time_limit : float
+        Seconds for each way of drawing that is tried.
+
+    Raises
+    ------
+    SetupError
+        Nothing on this system can draw.
+    OSError
+        The place cannot be written.
+    """
     with beside(path) as part, tempfile.TemporaryDirectory(prefix="hybridvolume-") as folder:
         arrays = Path(folder) / "scene.npz"
         np.savez(arrays, **_arrays(scene, size))
         reasons = []
         for environment, prefix in _ways():
-            reason = _draw(arrays, part, environment, prefix, time_limit)
+            reason = _draw(python, arrays, part, environment, prefix, time_limit)
             if reason is None:
                 break
             reasons.append(reason)
@@ -89,6 +119,7 @@ def _arrays(scene: Scene, size: tuple[int, int]) -> dict[str, np.ndarray]:
         arrays[f"skin{number}_points"] = skin.points
         arrays[f"skin{number}_triangles"] = skin.triangles
         arrays[f"skin{number}_colour"] = np.array(skin.colour)
+        arrays[f"skin{number}_opacity"] = np.array(skin.opacity)
         if skin.normals is not None:
             arrays[f"skin{number}_normals"] = skin.normals
     for number, wire in enumerate(scene.wires):
@@ -110,14 +141,19 @@ def _ways() -> list[tuple[dict[str, str], list[str]]]:
 
 
 def _draw(
-    arrays: Path, part: Path, extra: dict[str, str], prefix: list[str], time_limit: float
+    python: str,
+    arrays: Path,
+    part: Path,
+    extra: dict[str, str],
+    prefix: list[str],
+    time_limit: float,
 ) -> str | None:
     """Draw in a process of its own; the reason where there is no picture afterwards."""
     environment = {**os.environ, **extra}
     root = str(Path(__file__).resolve().parents[2])
     known = environment.get("PYTHONPATH", "")
     environment["PYTHONPATH"] = os.pathsep.join(p for p in (root, known) if p)
-    command = [*prefix, interpreter(), "-m", f"{__package__}.render", str(arrays), str(part)]
+    command = [*prefix, python, "-m", f"{__package__}.render", str(arrays), str(part)]
     try:
         done = subprocess.run(
             command,

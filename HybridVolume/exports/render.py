@@ -26,12 +26,14 @@ def main(scene: str, picture: str) -> int:
     for number in range(int(data["wires"])):
         _add_wire(plotter, pyvista, {k: data[f"wire{number}_{k}"] for k in _WIRE})
     _look(plotter, pyvista, data)
+    if any(data[f"skin{number}_opacity"] < 1.0 for number in range(int(data["skins"]))):
+        plotter.enable_depth_peeling(12)
     plotter.enable_anti_aliasing("ssaa")
     plotter.screenshot(picture)
     return 0
 
 
-_SKIN = ("points", "normals", "triangles", "colour")
+_SKIN = ("points", "normals", "triangles", "colour", "opacity")
 _WIRE = ("points", "colour", "width")
 
 
@@ -52,6 +54,7 @@ def _add_skin(plotter: Any, pyvista: Any, skin: dict[str, Any]) -> None:
         specular=0.12,
         specular_power=18.0,
         split_sharp_edges=False,
+        opacity=float(skin["opacity"]),
     )
     mapper = actor.GetMapper()
     # skins step back a little, so that lines on them are whole

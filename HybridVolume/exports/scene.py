@@ -49,12 +49,15 @@ class Skin:
         Unit normals for smooth shading; None shades every triangle flat.
     triangles : (m, 3) int array
     colour : (r, g, b)
+    opacity : float
+        1 hides what is behind.
     """
 
     points: np.ndarray
     normals: np.ndarray | None
     triangles: np.ndarray
     colour: tuple[float, float, float]
+    opacity: float = 1.0
 
 
 @dataclass(frozen=True)
