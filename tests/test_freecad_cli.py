@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 import HybridVolume
-from HybridVolume import job, report
-from HybridVolume.errors import FaultError, SeamError, SetupError
+from HybridVolume import completion, job, report
+from HybridVolume.errors import FaultError, InputError, SeamError, SetupError
 
 try:
     from HybridVolume.freecad_python import import_freecad
@@ -154,14 +154,28 @@ def test_refused_in_one_line(place, python, name):
         (("box.step", "--layers", "0"), "--layers: '0' is no count"),
         (("box.step", "--degree", "9"), "degree is 9"),
         (("box.step", "--order", "3"), "--order: invalid choice"),
+        (("box.step", "--midstructure", "magic"), "none of auto, medial-axis, skeleton, dist"),
+        (("box.step", "--midstructure", "own"), "no STEP or BREP file"),
+        (("box.step", "--midstructure", "nowhere.brep"), "nowhere.brep does not exist"),
+        (("box.step", "--midstructure", "text.step"), "text.step is no STEP file"),
+        (("box.step", "--midstructure", "distance", "--depth", "0"), "--depth: '0' is no depth"),
+        (("box.step", "--samples", "many"), "--samples: 'many' is no number"),
+        (("box.step", "--samples", "3"), "samples is 3; choose a number from 1000"),
+        (("box.step", "--angle", "nan"), "--angle: 'nan' is no number"),
+        (("box.step", "--angle", "20"), "angle is 20; choose a value from 60"),
+        (("box.step", "--minimum-size", "-1"), "minimum size is -1"),
+        (("box.step", "--remove-sheet", "Face3"), "--remove-sheet: 'Face3' names no sheet"),
+        (("box.step", "--keep-sheet", "Face1+Face2@3,0"), "3,0 is no place on Face1"),
+        (("box.step", "--keep-only", "Face1+Face9"), "only Face1+Face9: no body has these faces"),
         (("box.step", "-o", "box.step"), "box.step is no folder"),
         (("box.step", "-o", "box.step/below"), "cannot be written"),
     ],
 )
 def test_wrong_usage_in_one_line(place, python, arguments, told):
     write_step(box(), place / "box.step")
+    (place / "text.step").write_text("hello")
     assert told in one_line(run(place, *arguments), 2)
-    assert tree(place) == ["box.step"]
+    assert tree(place) == ["box.step", "text.step"]
 
 
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root may write anywhere")
@@ -281,7 +295,8 @@ def test_document(completed):
 def test_several_bodies_one_refused(place, python):
     bodies = [box(), Part.makeCylinder(0.5, 1, FreeCAD.Vector(6, 0, 0))]
     write_step(Part.makeCompound(bodies), place / "two.step")
-    answer = run(place, "two.step", "--order", "1", "--layers", "1")
+    decisions = ("--keep-sheet", "Face5+Face4", "--remove-sheet", "Face1+Face3")
+    answer = run(place, "two.step", "--order", "1", "--layers", "1", *decisions)
     assert answer.returncode == 2
     (line,) = answer.stderr.splitlines()
     assert line.startswith("error: two_2: Face") and "seam" in line
@@ -292,6 +307,39 @@ def test_several_bodies_one_refused(place, python):
     assert one["shell"]["layers"] == 1 and one["fem"]["penta6"] > 0 == one["fem"]["penta15"]
     (refused,) = found["refused"]
     assert refused["name"] == "two_2" and refused["code"] == "seam"
+    # the sheet in the middle, (3 - 1) (2 - 1), and the thick part of one of an edge of length 3,
+    # between the insets by 0.25 and by 0.5, at 45 degrees
+    sheets = one["midstructure"]
+    assert sheets["area"] == pytest.approx(2.0 + 2.25 * 0.25 * 2**0.5, rel=0.03)
+    assert sheets["decided"] == ["keep Face5+Face4", "remove Face1+Face3"]
+    kept = [set(sheet["faces"]) for sheet in sheets["decisions"] if sheet["kept"]]
+    assert kept == [{"Face5", "Face6"}, {"Face4", "Face5"}] and sheets["kept"] == 2
+    doc = FreeCAD.openDocument(str(place / "two" / "two.FCStd"), hidden=True)
+    try:
+        assert doc.Midstructure.Decisions == sheets["decided"]
+        assert doc.Midstructure.Kept.count(True) == 2 and doc.HybridVolume.Status == "Up to date"
+    finally:
+        FreeCAD.closeDocument(doc.Name)
+
+
+def test_a_decision_without_a_sheet_names_the_sheets(place, python):
+    write_step(box(), place / "box.step")
+    answer = run(place, "box.step", "--samples", "3000", "--keep-only", "Face5+Face5")
+    assert answer.returncode == 2
+    (line,) = answer.stderr.splitlines()
+    assert line.startswith("error: only Face5+Face5: no such sheet; the largest sheets are Face")
+    assert "Face5+Face6@" in line and " and " in line
+    assert tree(place) == ["box.step"]
+
+
+def test_a_decision_must_fit_one_of_several_bodies():
+    def outcome(*unmatched):
+        figures = {"decided": ["keep A+B"], "unmatched": unmatched, "decisions": [{"name": "C+D"}]}
+        return completion.Outcome("body", {"midstructure": figures})
+
+    completion.check_matched(["keep A+B"], [outcome("keep A+B"), outcome()])
+    with pytest.raises(InputError, match=r"keep A\+B: no such sheet; the largest sheets are C\+D"):
+        completion.check_matched(["keep A+B"], [outcome("keep A+B"), completion.Outcome("other")])
 
 
 def test_sums_of_several_bodies(completed):

@@ -27,7 +27,10 @@ def fingerprint(shape: Any) -> str:
     """
     digest = hashlib.sha256(f"{shape.ShapeType} {len(shape.Faces)}".encode())
     # A power of two: a diagonal that differs in its last digit must not change the rounding.
-    step = _STEP * 2.0 ** round(np.log2(max(shape.BoundBox.DiagonalLength, 1e-12)))
+    box = shape.BoundBox
+    far = max(map(abs, (box.XMin, box.XMax, box.YMin, box.YMax, box.ZMin, box.ZMax)))
+    # single points have no diagonal
+    step = _STEP * 2.0 ** round(np.log2(max(box.DiagonalLength, 1e-6 * far, 1e-12)))
     for face in shape.Faces:
         surface = face.Surface
         digest.update(f"{surface.TypeId} {face.Orientation}".encode())

@@ -148,8 +148,10 @@ class MidstructureObject(DocumentObject):
         if version < 2:
             # these told what had been decided automatically; nothing was decided by hand
             obj.Decisions = []
-            obj.Facets = ""
             obj.Kept = []
+            # an included file cannot be taken out of its property
+            obj.removeProperty("Facets")
+            self.ensure_properties(obj)
             obj.Status = f"{NOT_FOUND}: computed by an earlier version; find it again"
 
 
