@@ -17,8 +17,16 @@ from .voronoi import VoronoiFacets
 NOISE_ANGLE = 60.0
 # So are those whose feet are nearer than this, in units of the sample spacing.
 NOISE_LENGTH = 1.2
+# A part of fewer squares of the sample spacing is none.
+NOISE_SQUARES = 4.0
+# Nor is one of a smaller share of the whole area, unless it lies between opposite faces.
+SPECK = 1e-3
+# Smallest object angle between opposite faces, degrees.
+OPPOSITE = 125.0
 # A cell is a ridge when no neighbour within its radius is larger than by this factor.
 RIDGE = 1.12
+# Side of the cubes in which balls are looked for, in radii.
+CUBE = 0.12
 
 
 class Cells:
@@ -113,36 +121,71 @@ class Cells:
         return np.isfinite(distance) & (distance > 0.7 * reach)
 
     def ridges(self) -> np.ndarray:
-        """Candidates of the largest balls around."""
+        """Candidates of the largest balls around; the balls of noise count for that as well."""
         some = np.flatnonzero(self.candidate & (self.radius > 4.0 * self.spacing))
         if not len(some):
             some = np.flatnonzero(self.candidate)
-        centre, radius = self.centre[some], self.radius[some]
-        # one representative, the largest ball, in every cell of a tenth of the radius
-        level = np.floor(np.log2(radius)).astype(int)
-        place = np.floor(centre / (0.12 * 2.0**level)[:, None]).astype(np.int64)
-        _, label = np.unique(np.column_stack([level, place]), axis=0, return_inverse=True)
-        label = label.ravel()
-        order = np.lexsort([-radius, label])
+        # one representative, the largest ball, in every cube of a part of the radius
+        level = np.floor(np.log2(self.radius))
+        place = np.floor(self.centre / (CUBE * 2.0**level)[:, None])
+        key = np.column_stack([level, place]).astype(np.int64)
+        key -= key.min(axis=0)
+        size = key.max(axis=0) + 1
+        _, label = np.unique(np.ravel_multi_index(key.T, size), return_inverse=True)
+        order = np.lexsort([-self.radius, label])
         first = order[np.unique(label[order], return_index=True)[1]]
-        tree = cKDTree(centre[first])
-        around = tree.query_ball_point(centre[first], radius[first])
-        size = np.array([len(a) for a in around])
+        centre, radius = self.centre[first], self.radius[first]
+        asked = np.unique(label[some])
+        around = cKDTree(centre).query_ball_point(centre[asked], radius[asked])
+        count = np.array([len(a) for a in around])
         flat = np.concatenate([np.asarray(a, dtype=int) for a in around])
-        start = np.concatenate([[0], np.cumsum(size)[:-1]])
-        summit = np.maximum.reduceat(radius[first][flat], start)
+        start = np.concatenate([[0], np.cumsum(count)[:-1]])
+        summit = np.zeros(len(first))
+        summit[asked] = np.maximum.reduceat(radius[flat], start)
         result = np.zeros(len(self.candidate), dtype=bool)
-        result[some[RIDGE * radius > summit[label]]] = True
+        result[some[RIDGE * self.radius[some] > summit[label[some]]]] = True
         return result
 
     def parts(self) -> np.ndarray:
-        """Connected candidates of one pair, over Voronoi edges where just two of all meet."""
-        raw = self.raw
-        both = self.candidate[raw.edges].all(axis=1)
-        pairs, edge = raw.edges[both], raw.edge[both]
+        """Connected candidates of one pair, over Voronoi edges where just two of all meet.
+
+        Parts that are too small for a sheet go to the neighbour of their pair with which they
+        share most edges, if they have one that is large enough.
+
+        Returns
+        -------
+        (c,) int array
+            The parts that are large enough for a sheet; -1 elsewhere.
+        """
+        raw, use = self.raw, self.candidate
+        pairs, edge = raw.edges, raw.edge
+        both = use[pairs].all(axis=1)
+        pairs, edge = pairs[both], edge[both]
         lonely = np.bincount(edge, minlength=1)[edge] == 1
         same = self.group[pairs[:, 0]] == self.group[pairs[:, 1]]
-        pairs = pairs[lonely & same]
-        n = len(self.candidate)
-        graph = coo_matrix((np.ones(len(pairs), dtype=np.int8), pairs.T), shape=(n, n))
-        return connected_components(graph, directed=False)[1]
+        n = len(use)
+        joined = pairs[lonely & same]
+        graph = coo_matrix((np.ones(len(joined), dtype=np.int8), joined.T), shape=(n, n))
+        part = connected_components(graph, directed=False)[1]
+        cells = self.area / self.spacing**2
+        opposite = use & (self.angle > OPPOSITE)
+        squares, facing = (np.bincount(part[a], cells[a], len(part)) for a in (use, opposite))
+        area = np.bincount(part[use], self.area[use], len(part))
+        # parts of edges are many; those between opposite faces count however small they are
+        large = (squares > NOISE_SQUARES) & (area > SPECK * area.sum()) | (facing > NOISE_SQUARES)
+        result = np.where(use & large[part], part, -1)
+        pairs = pairs[same]
+        pairs = np.concatenate([pairs, pairs[:, ::-1]])
+        while True:
+            a, b = pairs.T
+            open_ = (result[a] < 0) & (result[b] >= 0)
+            if not open_.any():
+                return result
+            links, number = np.unique(
+                np.column_stack([part[a[open_]], result[b[open_]]]), axis=0, return_counts=True
+            )
+            links = links[np.lexsort([-number, links[:, 0]])]
+            small, first = np.unique(links[:, 0], return_index=True)
+            goes = np.full(len(part), -1)
+            goes[small] = links[first, 1]
+            result = np.where(result < 0, goes[part], result)

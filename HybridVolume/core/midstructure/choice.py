@@ -12,16 +12,13 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from .cells import NOISE_SQUARES, OPPOSITE
 from .sheets import Decision, Figures, Midstructure
 
 # Share of the largest radius of its sheet from which on a facet in an acute edge is kept.
 ACUTE_SHARE = 0.5
 # The same for a facet of a sheet that the user keeps: rims stay away from the surface.
 KEPT_SHARE = 0.5
-# A part of fewer squares of the sample spacing is noise.
-NOISE_SQUARES = 4.0
-# Object angle from which on facets lie between opposite faces whatever the user asks, degrees.
-OPPOSITE = 125.0
 # Nothing is kept within this share of the radius: a part of the body has no midstructure.
 REACH = 0.3
 # As many of the nearest cells tell which sheet a foot belongs to.
@@ -225,7 +222,7 @@ def automatic(figures: Figures, angle: float, minimum_size: float) -> np.ndarray
 
     acute = wide & wedge
     if acute.any():
-        part = components(figures, wedge, group)
+        part = components(figures, wedge, group, manifold=True)
         largest = np.zeros(len(part))
         np.maximum.at(largest, part[wedge], radius[wedge])
         acute &= _enough(components(figures, acute, group), acute, _squares(figures))
@@ -247,10 +244,17 @@ def automatic(figures: Figures, angle: float, minimum_size: float) -> np.ndarray
     return code
 
 
-def components(figures: Figures, use: np.ndarray, label: np.ndarray) -> np.ndarray:
-    """Number of the connected part of each cell over sides between used cells of equal label."""
+def components(
+    figures: Figures, use: np.ndarray, label: np.ndarray, *, manifold: bool = False
+) -> np.ndarray:
+    """Number of the connected part of each cell over sides between used cells of equal label.
+
+    With ``manifold`` only over sides where just two of all cells meet.
+    """
     a, b = figures.edges.T
     joined = use[a] & use[b] & (label[a] == label[b])
+    if manifold:
+        joined &= np.bincount(figures.edge, minlength=1)[figures.edge] == 1
     n = len(use)
     ones = np.ones(int(joined.sum()), dtype=np.int8)
     graph = coo_matrix((ones, (a[joined], b[joined])), shape=(n, n))

@@ -5,14 +5,15 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 
 from ...errors import FaultError
 from ..surface import PatchSurface
 from .cells import NOISE_ANGLE, Cells
-from .choice import NARROW, NOISE_SQUARES
-from .samples import sample_surface
+from .choice import NARROW
+from .samples import probes, sample_surface
 from .sheets import Figures, Midstructure, Sheet
 from .smooth_groups import smooth_groups
 from .voronoi import VoronoiFacets, interior_facets
@@ -23,6 +24,7 @@ log = logging.getLogger(__name__)
 EDGE_SHARE = 0.05
 # Share of a sheet's area that is left out at both ends of its object angles.
 STRAY_SHARE = 0.02
+PROBES = ("probe_points", "probe_radius", "probe_patch")
 
 
 def medial_axis(surface: PatchSurface, samples: int = 0, *, seed: int = 0) -> Midstructure:
@@ -56,7 +58,8 @@ def medial_axis(surface: PatchSurface, samples: int = 0, *, seed: int = 0) -> Mi
     cells = Cells(interior_facets(drawn, 0.7 * NOISE_ANGLE, seed), drawn, groups)
     if not cells.candidate.any():
         raise FaultError("no inner Voronoi facet was found", remedy="use more samples")
-    result = _build(surface, cells).choose()
+    places = dict(zip(PROBES, probes(surface, samples=drawn), strict=True))
+    result = replace(_build(surface, cells), **places).choose()
     if not result.kept.any():
         raise FaultError("the medial axis is empty", remedy="use more samples")
     log.info(
@@ -80,7 +83,7 @@ def _build(surface: PatchSurface, cells: Cells) -> Midstructure:
     x = vertices[triangles]
     area = np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
     solid = area > 0.0
-    triangles, owner = triangles[solid], owner[solid]
+    triangles, owner, area = triangles[solid], owner[solid], 0.5 * area[solid]
     members = np.unique(owner)
     number = np.full(len(part), -1)
     number[members] = np.arange(len(members))
@@ -97,7 +100,7 @@ def _build(surface: PatchSurface, cells: Cells) -> Midstructure:
         cells.radius[members],
         cells.length[members],
         cells.angle[members],
-        cells.area[members],
+        np.bincount(number[owner], area),
         cells.spacing[members],
         wedge[members],
         ridge[members],
@@ -124,15 +127,8 @@ def _build(surface: PatchSurface, cells: Cells) -> Midstructure:
 def _partition(cells: Cells, ridge: np.ndarray) -> np.ndarray:
     """Sheet of every cell, -1 for noise."""
     part = cells.parts()
-    use = cells.candidate
-    squares = np.bincount(part[use], cells.area[use] / cells.spacing[use] ** 2, len(part))
-    large = use & (squares > NOISE_SQUARES)[part]
-    result = np.full(len(part), -1)
-    result[large] = part[large]
     # slivers of ridges are many and tiny: one sheet for all that belong to one pair
-    slivers = ridge & ~large
-    result[slivers] = len(part) + cells.group[slivers]
-    return result
+    return np.where(ridge & (part < 0), len(part) + cells.group, part)
 
 
 def _fans(raw: VoronoiFacets, owner: np.ndarray, use: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

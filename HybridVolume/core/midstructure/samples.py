@@ -11,13 +11,25 @@ from scipy.spatial import cKDTree
 
 from .. import bspline
 from ..surface import PatchSurface
+from .points import evaluate_points
+from .smooth_groups import smooth_groups
 
 # Samples in one medial radius: fewer lose the sheet of a thin wall, more cost time.
 SAMPLES_PER_RADIUS = 3.0
 # The thinnest wall that is looked for, relative to the even spacing.
 FINEST = 1.0 / 32.0
-# Samples where the caller names none.
-DEFAULT = 16000
+# Angles of the normals on opposite sides of a body and of a thin wall, degrees.
+OPPOSITE = 127.0
+PARALLEL = 165.0
+# Samples in one radius of curvature, and the smallest of these that is looked for.
+SAMPLES_PER_BEND = 3.0
+FINEST_BENT = 1.0 / 4.0
+# What the caller leaves to the body: as many for the shape alone, and for a patch; and all of them.
+BASE = 8000
+SAMPLES_PER_PATCH = 8
+MOST = 50_000
+# Share of the area whose thickness is not looked at for that.
+TIP_SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -46,47 +58,146 @@ class Samples:
 
 @dataclass(frozen=True)
 class _Cells:
-    """Parameter rectangles of about equal size."""
+    """Parameter rectangles of about equal size, with their radii of curvature."""
 
     patch: np.ndarray
     low: np.ndarray
     size: np.ndarray
     length: np.ndarray
     area: np.ndarray
+    bend: np.ndarray
 
 
-def sample_surface(surface: PatchSurface, count: int, group: np.ndarray, seed: int = 0) -> Samples:
-    """About ``count`` samples: half of them even by area, the rest where the body is thin.
+def sample_surface(
+    surface: PatchSurface, count: int = 0, group: np.ndarray | None = None, seed: int = 0
+) -> Samples:
+    """Jittered samples: half of them even by area, the rest where the body is thin or bent.
 
     Parameters
     ----------
     surface : PatchSurface
     count : int
-        Aimed at; every patch has at least one sample.
-    group : (np,) int array
+        Aimed at; every patch has at least one sample. 0 chooses from 8000 to 50,000: enough for
+        :data:`SAMPLES_PER_RADIUS` in the inner radius all over, where that is possible.
+    group : (np,) int array, optional
         Smooth group of every patch.
     seed : int
-        The samples are jittered, but always the same.
+        Of the jitter; the samples are always the same for the same seed.
     """
-    count = count or DEFAULT
+    group = smooth_groups(surface).of_patch if group is None else group
+    count = count or _wanted_count(surface, group, seed)
     even = np.sqrt(surface.area() / (0.5 * count))
     cells = _cells(surface, 3.0 * even)
-    spacing = np.full(len(cells.patch), even)
+    spacing = _refined(surface, cells, count, even, group, seed)[1]
+    spacing = _within(cells, spacing, count)
+    # what the thin parts did not need makes all of them denser
+    spacing *= min(1.0, np.sqrt((cells.area / spacing**2).sum() / count))
+    return _draw(surface, cells, spacing, seed)[0]
+
+
+def _wanted_count(surface: PatchSurface, group: np.ndarray, seed: int) -> int:
+    """Samples that the body needs, by its size and its smallest features."""
+    even = np.sqrt(surface.area() / (0.5 * BASE))
+    cells = _cells(surface, 3.0 * even)
+    thin, spacing = _refined(surface, cells, BASE, even, group, seed)
+    # tips of acute edges have no smallest feature
+    order = np.argsort(thin)
+    share = np.cumsum(cells.area[order]) / cells.area.sum()
+    thin = np.maximum(thin, thin[order[np.searchsorted(share, TIP_SHARE)]])
+    fine = np.minimum(spacing, thin / SAMPLES_PER_RADIUS)
+    base = max(0.5 * BASE, SAMPLES_PER_PATCH * len(surface.patches))
+    return int(min(base + (cells.area / fine**2).sum(), MOST))
+
+
+def _refined(
+    surface: PatchSurface,
+    cells: _Cells,
+    count: int,
+    even: float,
+    group: np.ndarray,
+    seed: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Spacing in every cell, smaller step by step where the last samples show a thin body.
+
+    Returns
+    -------
+    thin : (c,) array
+        Inner radius near every cell, as far as :data:`SAMPLES_PER_RADIUS` even spacings, mm.
+    spacing : (c,) array
+        What was wanted in the end, mm.
+    """
+    bent = np.maximum(cells.bend / SAMPLES_PER_BEND, FINEST_BENT * even)
+    spacing = np.minimum(even, bent)
     thin = np.full(len(cells.patch), np.inf)
     for _ in range(4):
         samples, cell = _draw(surface, cells, _within(cells, spacing, count), seed)
         asked = np.flatnonzero(_first_of(cell, 4))
-        radius, opposite = inner_radius(samples, asked, SAMPLES_PER_RADIUS * even)
+        radius, touched = inner_radius(samples, asked, SAMPLES_PER_RADIUS * even)
+        # acute edges get ever thinner: what is wanted there is told by their thick part
+        opposite = _opposite(samples, asked, touched, PARALLEL)
         np.minimum.at(thin, cell[asked], np.where(opposite, radius, np.inf))
         # square bars have no opposite sides near: the largest ball around tells the width
         reach = np.maximum(2.0 * radius, 3.0 * even)
         widest = _widest_near(samples.points[asked], radius, reach, group[samples.patch[asked]])
         np.minimum.at(thin, cell[asked], widest)
-        wanted = np.clip(thin / SAMPLES_PER_RADIUS, FINEST * even, even)
+        wanted = np.minimum(np.clip(thin / SAMPLES_PER_RADIUS, FINEST * even, even), bent)
         if (wanted >= 0.8 * spacing).all():
-            return samples
+            break
         spacing = np.minimum(spacing, wanted)
-    return _draw(surface, cells, _within(cells, spacing, count), seed)[0]
+    return thin, spacing
+
+
+def probes(
+    surface: PatchSurface, count: int = 2000, samples: Samples | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places spread over the surface, and how thick the body is there.
+
+    Parameters
+    ----------
+    surface : PatchSurface
+    count : int
+        Number of places; denser where the body is thin.
+    samples : Samples, optional
+        Of the surface, if there are any yet.
+
+    Returns
+    -------
+    points : (s, 3) array
+        mm.
+    radius : (s,) array
+        Half the thickness of the body near each place, mm: the radius of the largest inner ball
+        that touches it, not shrunk by a convex edge beside it.
+    patch : (s,) int array
+    """
+    group = smooth_groups(surface).of_patch
+    samples = samples or sample_surface(surface, 0, group)
+    # between even by number and even by area
+    weight = np.cumsum(samples.spacing)
+    place = (np.arange(min(count, len(weight))) + 0.5) / min(count, len(weight)) * weight[-1]
+    asked = np.unique(np.searchsorted(weight, place))
+    points, patch = samples.points[asked], samples.patch[asked]
+    radius, touched = inner_radius(samples, asked, 0.5 * surface.diagonal)
+    opposite = _opposite(samples, asked, touched, OPPOSITE)
+    # the ball that touches the plane of the other sample: samples need not lie face to face
+    normal = samples.normals[touched]
+    across = np.einsum("ij,ij->i", samples.points[touched] - points, normal)
+    cosine = np.einsum("ij,ij->i", samples.normals[asked], normal)
+    flat = across / np.maximum(1.0 - cosine, 0.5)
+    radius = np.where(opposite & (flat > 0.4 * radius), np.minimum(radius, flat), radius)
+    radius[touched < 0] = 0.0
+    even = np.sqrt(surface.area() / len(asked))
+    reach = np.clip(2.0 * radius, 2.0 * even, 8.0 * even)
+    widest = _widest_near(points, radius, reach, group[patch])
+    return points, np.where(opposite, radius, widest), patch
+
+
+def _opposite(samples: Samples, asked: np.ndarray, touched: np.ndarray, angle: float) -> np.ndarray:
+    """Whether balls at some samples are stopped where the normal is over ``angle`` apart, degrees.
+
+    Beside every convex edge a ball is stopped by the neighbouring face instead.
+    """
+    cosine = np.einsum("ij,ij->i", samples.normals[asked], samples.normals[touched])
+    return (touched >= 0) & (cosine < np.cos(np.radians(angle)))
 
 
 def _widest_near(
@@ -138,27 +249,43 @@ def _even_lines(breaks: np.ndarray, length: np.ndarray, step: float) -> np.ndarr
 
 
 def _cells(surface: PatchSurface, step: float) -> _Cells:
-    parts = []
-    for k, patch in enumerate(surface.patches):
-        lines = []
-        for knots in patch.knots:
-            breaks = bspline.breakpoints(knots)
-            cut = max(1, -(-8 // (len(breaks) - 1)))
-            share = np.arange(cut) / cut
-            inner = breaks[:-1, None] + np.diff(breaks)[:, None] * share
-            lines.append(np.append(inner.ravel(), breaks[-1]))
-        grid = surface.evaluate_grid(k, *lines)
-        u = _even_lines(lines[0], np.linalg.norm(np.diff(grid, axis=0), axis=2).max(axis=1), step)
-        v = _even_lines(lines[1], np.linalg.norm(np.diff(grid, axis=1), axis=2).max(axis=0), step)
+    lines = [[_fine_lines(knots) for knots in patch.knots] for patch in surface.patches]
+    shapes = [(len(u), len(v)) for u, v in lines]
+    uv = [np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2) for u, v in lines]
+    count = np.array([len(a) for a in uv])
+    x = evaluate_points(surface, np.repeat(np.arange(len(uv)), count), np.concatenate(uv))[0]
+    low, size = [], []
+    for (u, v), shape, grid in zip(lines, shapes, np.split(x, np.cumsum(count)[:-1]), strict=True):
+        grid = grid.reshape(*shape, 3)
+        u = _even_lines(u, np.linalg.norm(np.diff(grid, axis=0), axis=2).max(axis=1), step)
+        v = _even_lines(v, np.linalg.norm(np.diff(grid, axis=1), axis=2).max(axis=0), step)
         iu, iv = (a.ravel() for a in np.indices((len(u) - 1, len(v) - 1)))
-        low = np.column_stack([u[iu], v[iv]])
-        size = np.column_stack([np.diff(u)[iu], np.diff(v)[iv]])
-        _, x_u, x_v = surface.evaluate(k, *(low + 0.5 * size).T, derivative=1)
-        x_u, x_v = x_u * size[:, :1], x_v * size[:, 1:]
-        length = np.column_stack([np.linalg.norm(x_u, axis=1), np.linalg.norm(x_v, axis=1)])
-        area = np.linalg.norm(np.cross(x_u, x_v), axis=1)
-        parts.append((np.full(len(low), k), low, size, length, area))
-    return _Cells(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+        low.append(np.column_stack([u[iu], v[iv]]))
+        size.append(np.column_stack([np.diff(u)[iu], np.diff(v)[iv]]))
+    patch = np.repeat(np.arange(len(low)), [len(a) for a in low])
+    low, size = np.concatenate(low), np.concatenate(size)
+    _, x_u, x_v = evaluate_points(surface, patch, low + 0.5 * size)
+    x_u, x_v = x_u * size[:, :1], x_v * size[:, 1:]
+    length = np.column_stack([np.linalg.norm(x_u, axis=1), np.linalg.norm(x_v, axis=1)])
+    area = np.linalg.norm(np.cross(x_u, x_v), axis=1)
+    bend = np.full(len(patch), np.inf)
+    for axis, ends in enumerate((((0.0, 0.5), (1.0, 0.5)), ((0.5, 0.0), (0.5, 1.0)))):
+        normals = []
+        for end in ends:
+            _, x_u, x_v = evaluate_points(surface, patch, low + size * end)
+            normals.append(np.cross(x_u, x_v))
+        sine = np.linalg.norm(np.cross(*normals), axis=1)
+        turned = np.arctan2(sine, np.einsum("ij,ij->i", *normals))
+        bend = np.minimum(bend, length[:, axis] / np.maximum(turned, 1e-9))
+    return _Cells(patch, low, size, length, area, bend)
+
+
+def _fine_lines(knots: np.ndarray) -> np.ndarray:
+    """Knots, and parameters between them where they are few."""
+    breaks = bspline.breakpoints(knots)
+    cut = max(1, -(-8 // (len(breaks) - 1)))
+    inner = breaks[:-1, None] + np.diff(breaks)[:, None] * (np.arange(cut) / cut)
+    return np.append(inner.ravel(), breaks[-1])
 
 
 def _draw(
@@ -174,13 +301,8 @@ def _draw(
     jitter = np.random.default_rng(seed).uniform(0.15, 0.85, (len(cell), 2))
     uv = cells.low[cell] + cells.size[cell] * (index + jitter) / pieces[cell]
     patch = cells.patch[cell]
-    points = np.empty((len(cell), 3))
-    normals = np.empty((len(cell), 3))
-    bounds = np.searchsorted(patch, np.arange(len(surface.patches) + 1))
-    for k in range(len(surface.patches)):
-        part = slice(bounds[k], bounds[k + 1])
-        x, x_u, x_v = surface.evaluate(k, *uv[part].T, derivative=1)
-        points[part], normals[part] = x, np.cross(x_u, x_v)
+    points, x_u, x_v = evaluate_points(surface, patch, uv)
+    normals = np.cross(x_u, x_v)
     length = np.linalg.norm(normals, axis=1)
     good = length > 1e-12 * np.median(length)
     normals[good] /= length[good, None]
@@ -207,9 +329,8 @@ def inner_radius(
     -------
     radius : (m,) array
         mm.
-    opposite : (m,) bool array
-        Whether the ball is stopped by the opposite side (normals more than 127° apart) and not by
-        a neighbouring face, as beside every convex edge, nor by the limit.
+    touched : (m,) int array
+        The sample that stops the ball, -1 for the limit.
     """
     points, normals = samples.points, samples.normals
     tree = cKDTree(points)
@@ -233,5 +354,4 @@ def inner_radius(
             0.5 * length2[real] / depth[real], radius[active] * (1.0 - 1e-9)
         )
         touched[active] = nearest
-    cosine = np.einsum("ij,ij->i", normals[query], normals[touched])
-    return radius, (touched >= 0) & (cosine < -0.6)
+    return radius, touched
