@@ -14,7 +14,7 @@ from HybridVolume.core.assembly import build_surface
 from HybridVolume.core.intersection import points_inside, self_intersections
 from HybridVolume.core.midstructure import Midstructure, medial_axis
 from HybridVolume.core.midstructure.samples import sample_surface
-from HybridVolume.core.midstructure.simplify import simplify
+from HybridVolume.core.midstructure.resample import resample
 from HybridVolume.core.midstructure.smooth_groups import smooth_groups
 from HybridVolume.core.surface import PatchSurface
 
@@ -194,7 +194,7 @@ def test_simplified_sheets_can_be_embedded(name):
     m, surface = axis_of(name), surface_of(name)
     mesh = surface.triangulation(8)
     size = {"box": 0.2, "hollow sphere": 0.25, "fin": 0.1, "bar": 0.1}[name]
-    simple = simplify(m, lambda radius: np.full(len(radius), size), (mesh.vertices, mesh.triangles))
+    simple = resample(m, lambda radius: np.full(len(radius), size), (mesh.vertices, mesh.triangles))
     everything = np.vstack([mesh.vertices, simple.vertices])
     triangles = np.vstack([mesh.triangles, simple.triangles + len(mesh.vertices)])
     pairs = self_intersections(everything, triangles)

@@ -22,7 +22,7 @@ from .adaptive_triangulation import (
 )
 from .intersection import self_intersections
 from .midstructure import Midstructure
-from .midstructure.simplify import Complex, simplify, spread
+from .midstructure.resample import Complex, resample, spread
 from .surface import PatchSurface
 from .tetmesh import CONFORMING, TetMesh, available_engines, fill
 from .tetmesh.carve import carve
@@ -90,7 +90,7 @@ def build_domain(
             engines,
             source,
             prepared,
-            lambda outer: simplify(midstructure, size.on_midstructure, outer),
+            lambda outer: resample(midstructure, size.on_midstructure, outer),
         ):
             facets = complex_.triangles + len(boundary.vertices)
             vertices = np.vstack([boundary.vertices, complex_.vertices])
@@ -144,12 +144,15 @@ class _Size:
         Edge length in units of that distance.
     smallest, largest : float
         mm.
+    on_sheets : float
+        Edge length on the midstructure in units of the distance to the surface.
     """
 
     middle: cKDTree
     share: float
     smallest: float
     largest: float
+    on_sheets: float
 
     @classmethod
     def fitted(cls, surface: PatchSurface, midstructure: Midstructure, tets: int) -> _Size:
@@ -167,7 +170,8 @@ class _Size:
             if (area / np.minimum(share * distance, largest) ** 2).sum() < 0.1 * tets:
                 break
             share *= 1.1
-        return cls(middle, share, 0.5 * share * float(distance.min()), largest)
+        on_sheets = 0.5 * share * (40_000 / tets) ** (1.0 / 3.0)
+        return cls(middle, share, 0.5 * share * float(distance.min()), largest, on_sheets)
 
     def on_surface(self, points: np.ndarray) -> np.ndarray:
         """Wanted edge lengths, mm, at (k, 3) points of the surface."""
@@ -176,7 +180,7 @@ class _Size:
 
     def on_midstructure(self, radius: np.ndarray) -> np.ndarray:
         """Wanted edge lengths, mm, where the surface is ``radius`` away."""
-        return np.clip(0.5 * self.share * radius, self.smallest, self.largest)
+        return np.clip(self.on_sheets * radius, self.smallest, self.largest)
 
 
 def _boundaries(surface: PatchSurface, size: _Size, budget: int) -> Iterator[AdaptiveTriangles]:
