@@ -21,6 +21,9 @@ SETTINGS = """<?xml version="1.0" encoding="UTF-8" standalone="no" ?>
 <FCParameters>
   <FCParamGroup Name="Root"><FCParamGroup Name="BaseApp"><FCParamGroup Name="Preferences">
     <FCParamGroup Name="General"><FCText Name="AutoloadModule">PartWorkbench</FCText></FCParamGroup>
+    <FCParamGroup Name="Mod"><FCParamGroup Name="HybridVolume">
+      <FCBool Name="AskMidstructure" Value="{ask}"/>
+    </FCParamGroup></FCParamGroup>
   </FCParamGroup></FCParamGroup></FCParamGroup>
 </FCParameters>
 """
@@ -38,12 +41,15 @@ def python():
         pytest.skip(missing.line)
 
 
-def play(scenario, folder, **variables):
-    """Run a scenario in FreeCAD's window and return its answer."""
+def play(scenario, folder, ask=False, **variables):
+    """Run a scenario in FreeCAD's window and return its answer.
+
+    ``ask`` is the preference that shows the midstructure first.
+    """
     home = folder / "home"
     (home / "Mod").mkdir(parents=True)
     (home / "Mod" / "HybridVolume").symlink_to(TESTS.parent, target_is_directory=True)
-    (home / "user.cfg").write_text(SETTINGS)
+    (home / "user.cfg").write_text(SETTINGS.format(ask=int(ask)))
     answer = folder / "answer.json"
     environment = {
         **os.environ,

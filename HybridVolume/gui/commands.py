@@ -8,7 +8,10 @@ from typing import Any
 
 import FreeCAD
 import FreeCADGui
+from PySide import QtCore
 from PySide.QtCore import QT_TRANSLATE_NOOP
+
+from HybridVolume.errors import HybridVolumeError
 
 CREATE = "HybridVolume_Create"
 NAMES = [CREATE]
@@ -36,34 +39,144 @@ class CreateCommand:
 
     def Activated(self) -> None:
         """Open the panel."""
-        obj = FreeCADGui.Selection.getSelection()[0]
+        open_soon(FreeCADGui.Selection.getSelection()[0])
+
+
+def open_soon(obj: Any) -> None:
+    """Show the panel of an object as soon as FreeCAD is idle.
+
+    FreeCAD holds a transaction open as long as it runs a command or handles a double click, and
+    does not commit those that begin inside: steps of Undo would become one.
+    """
+    document, name = obj.Document.Name, obj.Name
+
+    def show() -> None:
         FreeCADGui.doCommandGui("from HybridVolume.gui import commands")
-        FreeCADGui.doCommandGui(f"commands.open_panel({obj.Document.Name!r}, {obj.Name!r})")
+        FreeCADGui.doCommandGui(f"commands.open_panel({document!r}, {name!r})")
+
+    QtCore.QTimer.singleShot(0, show)
 
 
 def usable(obj: Any) -> bool:
     """Whether an object can be a body (cheap: its faces are not looked at)."""
     kinds = ("Part::Feature", "App::Part", "App::Link")
-    return is_volume(obj) or any(obj.isDerivedFrom(kind) for kind in kinds)
+    ours = _type(obj) in ("HybridVolume::Volume", "HybridVolume::Midstructure")
+    return ours or any(obj.isDerivedFrom(kind) for kind in kinds)
 
 
 def is_volume(obj: Any) -> bool:
     """Whether an object is a hybrid volume."""
-    return getattr(getattr(obj, "Proxy", None), "Type", "") == "HybridVolume::Volume"
+    return _type(obj) == "HybridVolume::Volume"
 
 
-def open_panel(document: str, name: str) -> Any:
+def _type(obj: Any) -> str:
+    return getattr(getattr(obj, "Proxy", None), "Type", "")
+
+
+def open_panel(document: str, name: str) -> Any | None:
     """Show the task panel for an object of a document and return it.
 
     Parameters
     ----------
     document, name : str
-        A body, or a hybrid volume, which is then computed again.
+        A body; or a hybrid volume, which is then computed again; or a midstructure.
+
+    Returns
+    -------
+    panel or None
+        None where the body is refused, which is then told.
     """
-    from .task_panel import TaskPanel
+    from . import preferences
 
     obj = FreeCAD.getDocument(document).getObject(name)
-    panel = TaskPanel(obj.Source, obj) if is_volume(obj) else TaskPanel(_body_of(obj))
+    if is_volume(obj):
+        return open_volume_panel(obj)
+    if _type(obj) == "HybridVolume::Midstructure":
+        from HybridVolume.objects.midstructure import volume_of
+
+        return open_midstructure_panel(volume_of(obj))
+    body = _body_of(obj)
+    if preferences.load().ask_midstructure:
+        return begin_with_midstructure(body)
+    return _open_body_panel(body)
+
+
+def open_volume_panel(volume: Any) -> Any:
+    """Show the panel that computes a hybrid volume."""
+    from .task_panel import TaskPanel
+
+    return _show(TaskPanel(volume.Source, volume))
+
+
+def _open_body_panel(body: Any) -> Any:
+    from .task_panel import TaskPanel
+
+    return _show(TaskPanel(body))
+
+
+def open_midstructure_panel(volume: Any, *, goes_on: bool = False) -> Any:
+    """Show the panel of a volume's midstructure; what was never found is looked for at once.
+
+    Parameters
+    ----------
+    volume : App.DocumentObject
+    goes_on : bool
+        Whether OK opens the panel of the volume.
+    """
+    from .midstructure_panel import MidstructurePanel
+    from .undo import UndoMark
+
+    panel = _show(MidstructurePanel(volume, UndoMark(volume.Document, volume), goes_on=goes_on))
+    if not volume.Midstructure.Facets:
+        panel.find()
+    return panel
+
+
+def begin_with_midstructure(body: Any) -> Any | None:
+    """Make a volume of a body of one solid and show its midstructure before its shell.
+
+    Several solids, which nobody wants to be asked about one after the other, go to the panel of
+    the volume, with the automatic choice.
+
+    Returns
+    -------
+    panel or None
+        None where the body is refused, which is then told.
+    """
+    from . import messages
+    from .macro import start_volume
+    from .midstructure_panel import MidstructurePanel
+    from .undo import UndoMark
+    from .work import read_bodies
+
+    try:
+        _, bodies = read_bodies(body)
+        if len(bodies) == 1 and bodies[0].error:
+            raise bodies[0].error
+    except HybridVolumeError as error:
+        messages.show_error(error, body)
+        return None
+    if len(bodies) != 1:
+        panel = _open_body_panel(body)
+        panel.tell(
+            f"{body.Label} has {len(bodies)} solids: the midstructure of each is chosen "
+            "automatically. It can be changed afterwards by a double click on it in the tree."
+        )
+        return panel
+    mark = UndoMark(body.Document)
+    volume = start_volume(body, 1)
+    mark.made(volume)
+    steps = set(body.Document.UndoNames[:1])
+    try:
+        panel = _show(MidstructurePanel(volume, mark, goes_on=True))
+    except BaseException:
+        mark.go_back(steps)
+        raise
+    panel.find()
+    return panel
+
+
+def _show(panel: Any) -> Any:
     FreeCADGui.Control.showDialog(panel)
     return panel
 

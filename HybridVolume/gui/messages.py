@@ -43,6 +43,22 @@ def show_error(error: HybridVolumeError, source: Any, log: str = "") -> Any:
     return box
 
 
+def tell(title: str, text: str) -> Any:
+    """Tell something beside the living window.
+
+    Returns
+    -------
+    QMessageBox
+    """
+    box = QtGui.QMessageBox(FreeCADGui.getMainWindow())
+    box.setAttribute(QtCore.Qt.WA_DeleteOnClose)
+    box.setIcon(QtGui.QMessageBox.Information)
+    box.setWindowTitle(f"{TITLE}: {title}")
+    box.setText(text)
+    box.open()
+    return box
+
+
 def _select(faces: tuple[str, ...], source: Any) -> None:
     try:
         count = len(source.Shape.Faces) if hasattr(source, "Shape") else 0

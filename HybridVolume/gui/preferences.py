@@ -34,6 +34,8 @@ class Preferences:
         One of :data:`ENGINES`.
     free_only : bool
         Leave the GPL parts out.
+    ask_midstructure : bool
+        Show the midstructure before the shell is computed.
     """
 
     python: str
@@ -41,6 +43,7 @@ class Preferences:
     layers: int
     engine: str
     free_only: bool
+    ask_midstructure: bool
 
 
 def load() -> Preferences:
@@ -53,4 +56,5 @@ def load() -> Preferences:
         layers=max(group.GetInt("Layers", 2), 1),
         engine=ENGINES[engine] if 0 <= engine < len(ENGINES) else ENGINES[0],
         free_only=group.GetBool("FreeOnly", False),
+        ask_midstructure=group.GetBool("AskMidstructure", True),
     )

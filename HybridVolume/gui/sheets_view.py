@@ -19,9 +19,9 @@ from pivy import coin
 if TYPE_CHECKING:
     from HybridVolume.core.midstructure import Midstructure
 
-REMOVED_COLOUR = (0.80, 0.84, 0.90)
-REMOVED_TRANSPARENCY = 0.92
-OUTLINE_TRANSPARENCY = 0.45
+REMOVED_COLOUR = (0.90, 0.92, 0.96)
+REMOVED_TRANSPARENCY = 0.88
+OUTLINE_TRANSPARENCY = 0.35
 MARKED_TRANSPARENCY = 0.45
 SLIGHT = 0.004
 """Share of the whole area below which a removed sheet is not drawn; the table still has it."""

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 GLASS_COLOUR = (0.78, 0.82, 0.88)
 GLASS_TRANSPARENCY = 0.90
-EDGE_COLOUR = (0.92, 0.94, 0.97)
-EDGE_TRANSPARENCY = 0.25
+EDGE_COLOUR = (0.70, 0.73, 0.80)
+EDGE_TRANSPARENCY = 0.60
 DEVIATION = 0.002
 """Of the glass from the body, as a share of its diagonal."""
 
@@ -43,6 +43,7 @@ class Stage:
         self, midstructure: Any, scene: SheetsScene, hidden: Iterable[Any], shape: Any | None
     ) -> None:
         self._scene = scene
+        self._shape = shape
         self._switches: list[tuple[Any, int, int]] = []
         for obj in hidden:
             self._turn(obj, coin.SO_SWITCH_NONE)
@@ -57,6 +58,25 @@ class Stage:
         # the node itself is kept, not the object: that may be deleted before the stage closes
         self._switches.append((switch, before, child))
         switch.whichChild = child
+
+    def cut(self, direction: tuple[float, float, float] | None, share: float = 0.5) -> None:
+        """Cut the view open; None shows everything.
+
+        Parameters
+        ----------
+        direction : (3,) floats, optional
+            What comes first along it is hidden.
+        share : float
+            How much of the body, along the direction, in [0, 1].
+        """
+        if direction is None or self._shape is None:
+            self._scene.clip(None)
+            return
+        normal = np.array(direction) / np.linalg.norm(direction)
+        box = self._shape.BoundBox
+        along = [normal @ (x, y, z) for x in (box.XMin, box.XMax)
+                 for y in (box.YMin, box.YMax) for z in (box.ZMin, box.ZMax)]  # fmt: skip
+        self._scene.clip(normal, (1.0 - share) * min(along) + share * max(along))
 
     def close(self) -> None:
         """Put everything back; what was turned on or off otherwise meanwhile stays so."""
@@ -76,6 +96,7 @@ def glass(shape: Any) -> Any:
     # tessellate stores its triangles in the shape: the document's own must not get coarser
     points, triangles = shape.copy().tessellate(deviation)
     root = coin.SoSeparator()
+    root.renderCaching = coin.SoSeparator.OFF
     style = coin.SoPickStyle()
     style.style = coin.SoPickStyle.UNPICKABLE
     material = coin.SoMaterial()
@@ -89,9 +110,26 @@ def glass(shape: Any) -> Any:
     coordinates.point.setValues(0, len(points), [tuple(p) for p in points])
     index = np.column_stack([np.array(triangles).reshape(-1, 3), np.full(len(triangles), -1)])
     faces.coordIndex.setValues(0, index.size, index.ravel().tolist())
-    for node in (style, material, hints, coordinates, faces):
+    nothing = _opaque_nothing(shape.BoundBox.Center)
+    for node in (style, nothing, material, hints, coordinates, faces):
         root.addChild(node)
     root.addChild(_edges(shape, deviation))
+    return root
+
+
+def _opaque_nothing(place: Any) -> Any:
+    """A triangle without area.
+
+    Where nothing opaque is drawn before, Coin takes blending for switched on, which FreeCAD's
+    background switches off behind its back: glass would not be transparent.
+    """
+    root = coin.SoSeparator()
+    coordinates = coin.SoCoordinate3()
+    coordinates.point.setValues(0, 3, [tuple(place)] * 3)
+    triangle = coin.SoIndexedFaceSet()
+    triangle.coordIndex.setValues(0, 4, [0, 1, 2, -1])
+    for node in (coin.SoMaterial(), coordinates, triangle):
+        root.addChild(node)
     return root
 
 

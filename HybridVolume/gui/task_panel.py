@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,16 +11,16 @@ import FreeCAD
 import FreeCADGui
 from PySide import QtCore, QtGui
 
-from HybridVolume import environment, sources
+from HybridVolume import sources
 from HybridVolume.errors import HybridVolumeError, InputError
 from HybridVolume.job import Job, worker_python
 from HybridVolume.objects import document
-from HybridVolume.objects.midstructure import METHODS
-from HybridVolume.objects.volume import options_of, set_status, source_fingerprint
+from HybridVolume.objects.midstructure import METHODS, own_geometry
+from HybridVolume.objects.volume import current_parameters, options_of, set_status
 
 from . import messages, preferences
 from .runner import Callbacks, Runner
-from .setup import EnvironmentSetup, question
+from .work import NO_ENVIRONMENT, environment_setup, is_deleted, read_bodies
 
 ORDERS = (("Second", "second order"), ("First", "first order"))
 
@@ -62,9 +61,9 @@ class TaskPanel:
 
     # What FreeCAD asks a panel.
 
-    def getStandardButtons(self) -> int:
+    def getStandardButtons(self) -> Any:
         """Return the one button below the panel."""
-        return int(QtGui.QDialogButtonBox.Close)
+        return QtGui.QDialogButtonBox.Close
 
     def reject(self) -> bool:
         """Close the panel; what is running is cancelled."""
@@ -102,13 +101,13 @@ class TaskPanel:
             return
         self.form.log.clear()
         try:
-            setup = self._environment()
+            setup = environment_setup()
             self._read()
         except HybridVolumeError as error:
             self._fail(error, "")
             return
         if setup is False:
-            self._idle("Not started: there is no environment to compute in")
+            self._idle(NO_ENVIRONMENT)
             return
         self._parameters = self._read_form()
         self._busy("Starting")
@@ -128,16 +127,22 @@ class TaskPanel:
         form = self.form
         chosen = preferences.load()
         form.body.setText(self._source.Label)
-        form.method.addItems([method.replace("-", " ") for method in METHODS])
+        methods = METHODS if self._volume else [name for name in METHODS if name != "own"]
+        form.method.addItems([method.replace("-", " ") for method in methods])
         form.order.addItems([text for _, text in ORDERS])
         form.w0.valueChanged.connect(lambda value: form.w0Slider.setValue(round(100 * value)))
         form.w0Slider.valueChanged.connect(self._slide)
-        form.w0.setValue(self._volume.W0 if self._volume else chosen.w0)
-        form.layers.setValue(self._volume.Layers if self._volume else chosen.layers)
+        computed = self._volume is not None and bool(self._volume.Result)
+        form.w0.setValue(self._volume.W0 if computed else chosen.w0)
+        form.layers.setValue(self._volume.Layers if computed else chosen.layers)
         if self._volume:
+            # what it is to be is decided in its own panel
             form.method.setCurrentIndex(METHODS.index(self._volume.Midstructure.Method))
+            form.method.setEnabled(False)
             names = [name for name, _ in ORDERS]
-            form.order.setCurrentIndex(names.index(self._volume.FemMesh.Order))
+            order = current_parameters(self._volume)["FemMesh.Order"]
+            form.order.setCurrentIndex(names.index(order))
+        form.midstructure.clicked.connect(self._open_midstructure)
         form.run.clicked.connect(self.run)
         form.cancel.clicked.connect(self.cancel)
         self._idle("Ready" if self._volume is None else self._volume.Status)
@@ -148,38 +153,43 @@ class TaskPanel:
             self.form.w0.setValue(value / 100)
 
     def _read_form(self) -> dict[str, Any]:
-        volume = self._volume
-        return {
+        parameters = {
             "W0": self.form.w0.value(),
             "Layers": self.form.layers.value(),
-            "Degree": volume.Degree if volume else 3,
-            "Tolerance": volume.Tolerance if volume else 1e-7,
-            "Midstructure.Method": METHODS[self.form.method.currentIndex()],
             "FemMesh.Order": ORDERS[self.form.order.currentIndex()][0],
-            "FemMesh.Density": volume.FemMesh.Density if volume else "knots",
+        }
+        if self._volume:
+            return {**current_parameters(self._volume), **parameters}
+        return {
+            **{"Degree": 3, "Tolerance": 1e-7},
+            **parameters,
+            "Midstructure.Method": METHODS[self.form.method.currentIndex()],
         }
 
-    def _environment(self) -> EnvironmentSetup | None | bool:
-        """What makes the environment first; None where it is there, False where it is declined."""
-        chosen = preferences.load()
-        if os.environ.get("HYBRIDVOLUME_PYTHON") or chosen.python:
-            worker_python(chosen.python)
-            return None
-        if not environment.missing(gpl=not chosen.free_only):
-            return None
-        if messages.ask("Set-up", question()):
-            return EnvironmentSetup(chosen.free_only)
-        # What is there may do, though it is not what this version asks for.
-        return None if environment.interpreter().is_file() else False
+    def tell(self, line: str) -> None:
+        """Write a line for the user."""
+        self._write(line)
+
+    def _open_midstructure(self) -> None:
+        """Go to the midstructure's panel, which comes back here."""
+        from . import commands
+
+        source, volume = self._source, self._volume
+        self.reject()
+
+        def show() -> None:
+            if volume:
+                commands.open_midstructure_panel(volume, goes_on=True)
+            else:
+                commands.begin_with_midstructure(source)
+
+        # Later: FreeCAD is still closing this dialog.
+        QtCore.QTimer.singleShot(0, show)
 
     def _read(self) -> None:
         """Take the faces of the body; refused solids are named, the others go on."""
-        QtGui.QApplication.setOverrideCursor(QtCore.Qt.WaitCursor)
-        try:
-            self._fingerprint = source_fingerprint(self._source)
-            bodies = list(enumerate(sources.read_object(self._source), start=1))
-        finally:
-            QtGui.QApplication.restoreOverrideCursor()
+        self._fingerprint, read = read_bodies(self._source)
+        bodies = list(enumerate(read, start=1))
         if self._volume:
             bodies = [(number, body) for number, body in bodies if number == self._volume.Solid]
             if not bodies:
@@ -199,12 +209,14 @@ class TaskPanel:
         options = options_of(self._parameters)
         options["engine"] = chosen.engine
         python = worker_python(chosen.python)
+        own = own_geometry(self._volume.Midstructure) if self._volume else None
         return [
             Job(
                 body.faces,
                 name=body.name,
                 options=options,
                 source={"file": self._source.Label, "bodies": len(self._bodies)},
+                own=own,
                 python=python,
                 free_only=chosen.free_only,
             )
@@ -237,7 +249,7 @@ class TaskPanel:
         if doc is None:
             raise InputError("the document was closed; the result is dropped")
         for obj in filter(None, (self._source, self._volume)):
-            if _is_deleted(obj):
+            if is_deleted(obj):
                 raise InputError("the body or its volume was deleted while it was computed")
         prepared = [
             document.Prepared(
@@ -260,7 +272,7 @@ class TaskPanel:
         if log:
             FreeCAD.Console.PrintError(log)
         unrelated = ("worker", "environment")
-        if self._volume and not _is_deleted(self._volume) and error.code not in unrelated:
+        if self._volume and not is_deleted(self._volume) and error.code not in unrelated:
             set_status(self._volume, f"Failed: {error.line}")
         self._idle("Failed")
         messages.show_error(error, self._source, log)
@@ -293,11 +305,3 @@ class TaskPanel:
         self.form.parameters.setEnabled(not running)
         self.form.run.setEnabled(not running)
         self.form.cancel.setEnabled(running)
-
-
-def _is_deleted(obj: Any) -> bool:
-    """Whether a document object is gone, or its document."""
-    try:
-        return obj.Document is None or obj.Document.getObject(obj.Name) is None
-    except ReferenceError:
-        return True

@@ -81,7 +81,7 @@ class VolumeView(ViewProvider):
         from . import commands
 
         if not FreeCADGui.Control.activeDialog():
-            commands.open_panel(view.Object.Document.Name, view.Object.Name)
+            commands.open_soon(view.Object)
         return True
 
 
@@ -222,7 +222,7 @@ class MidstructureView(ViewProvider):
         self._waiting = False
         try:
             seen = obj.ViewObject.SwitchNode.whichChild.getValue() != -1
-        except (ReferenceError, AttributeError):  # deleted meanwhile
+        except (ReferenceError, RuntimeError):  # deleted meanwhile
             return
         if seen and self._outdated:
             self.draw(obj)
@@ -244,7 +244,7 @@ class MidstructureView(ViewProvider):
         from . import commands
 
         if not FreeCADGui.Control.activeDialog():
-            commands.open_panel(view.Object.Document.Name, view.Object.Name)
+            commands.open_soon(view.Object)
         return True
 
     def getDisplayModes(self, view: Any) -> list[str]:

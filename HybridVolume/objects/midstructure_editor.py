@@ -161,6 +161,12 @@ class Editor:
         """Forget all decisions."""
         self._write("Automatic choice of the sheets", [])
 
+    def forget(self) -> None:
+        """Drop the decisions that fit no sheet of the body as it is."""
+        unmatched = set(self.object.Unmatched)
+        left = [d for d in self.object.Decisions if str(Decision.parse(d)) not in unmatched]
+        self._write("Forget decisions that fit no sheet", left)
+
     def _decide(
         self,
         action: str,

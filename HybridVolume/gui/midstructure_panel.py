@@ -1,0 +1,587 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""The panel of the midstructure: which sheets the shell grows towards, seen and decided by hand."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import FreeCAD
+import FreeCADGui
+from PySide import QtCore, QtGui
+
+from HybridVolume.core.midstructure.hints import hints
+from HybridVolume.errors import HybridVolumeError
+from HybridVolume.job import Job, worker_python
+from HybridVolume.objects import midstructure as objects
+from HybridVolume.objects.midstructure_editor import Editor
+from HybridVolume.sources import global_shape
+
+from . import messages, preferences
+from .dock import WideDock
+from .macro import Macro
+from .picking import (
+    BoxSelection,
+    SheetPicking,
+    select_sheets,
+    selected_sheets,
+    sheets_in_box,
+)
+from .rule_sliders import RuleSliders, timer
+from .runner import Callbacks, Runner
+from .sheet_table import SheetTable
+from .sheets_view import sheet_name
+from .stage import Stage
+from .undo import UndoMark
+from .work import NO_ENVIRONMENT, environment_setup, is_deleted
+
+METHODS = (
+    ("auto", "automatic: medial axis"),
+    ("skeleton", "skeleton: curves in the middle"),
+    ("distance", "even depth below the faces"),
+    ("own", "own geometry"),
+)
+AXES = (("x", (1.0, 0.0, 0.0)), ("y", (0.0, 1.0, 0.0)), ("z", (0.0, 0.0, 1.0)), ("view", None))
+
+WIDTH = 460
+"""Of the dock, in pixels: the table shows all but the end of its last column."""
+
+
+class MidstructurePanel:
+    """Finds the midstructure of a volume in the worker, then lets the user choose its sheets.
+
+    Parameters
+    ----------
+    volume : App.DocumentObject
+        A hybrid volume with a midstructure.
+    mark : UndoMark
+        Where Cancel goes back to.
+    goes_on : bool
+        Whether OK opens the panel of the volume.
+
+    Attributes
+    ----------
+    form : QWidget
+    preview_seconds : float
+        What the last step of a slider took, with the view.
+    """
+
+    def __init__(self, volume: Any, mark: UndoMark, *, goes_on: bool = False) -> None:
+        path = preferences.RESOURCES / "ui" / "midstructure_panel.ui"
+        self.form = FreeCADGui.PySideUic.loadUi(str(path))
+        icon = preferences.RESOURCES / "icons" / "HybridVolume_Midstructure.svg"
+        self.form.setWindowIcon(QtGui.QIcon(str(icon)))
+        self.preview_seconds = 0.0
+        self._volume = volume
+        self._obj = volume.Midstructure
+        self._document = volume.Document.Name
+        self._names = (volume.Name, self._obj.Name)
+        self._mark = mark
+        self._goes_on = goes_on
+        self._macro = Macro(self._obj)
+        self._macro.steps.update(volume.Document.UndoNames[:1] if goes_on else ())
+        self._found_from: dict[str, str] = {}
+        self._goal = ""
+        self._closed = False
+        self._syncing = False
+        self._box: BoxSelection | None = None
+        self._runner = Runner(
+            Callbacks(self._show_progress, self._write, self._finish, self._fail), self._ready
+        )
+        self._refresh_soon = timer(self.form, 0, self._refresh)
+        self._rule = RuleSliders(self.form, self._preview, self._take_rule)
+        self._table = SheetTable(self.form.sheets, self._toggle_row, self._select_rows)
+        self._fill_form()
+        self._stage = self._make_stage()
+        self._dock = WideDock(self.form, WIDTH)
+        self._picking = SheetPicking(
+            self._obj, self._click_sheet, self._selection_changed, self._hover
+        )
+        FreeCAD.addDocumentObserver(self)
+        # whoever closes the dialog: gate, observers and glass must go
+        self.form.destroyed.connect(lambda *_: self._clean())
+        self._refresh()
+
+    # What FreeCAD asks a panel.
+
+    def getStandardButtons(self) -> Any:
+        """Return the buttons below the panel."""
+        return QtGui.QDialogButtonBox.Ok | QtGui.QDialogButtonBox.Cancel
+
+    def accept(self) -> bool:
+        """Close; go on to the panel of the volume, where the panel belongs to its creation."""
+        self._rule.finish()
+        found = self._chosen()
+        if found is None or not found.kept.any() or self.running:
+            if self.running:
+                reason = "The midstructure is still being computed. Wait, or press Cancel there."
+            elif found is None:
+                reason = "There is no midstructure yet. Press Find again, or Cancel."
+            else:
+                reason = (
+                    "Nothing is kept, so the shell would have nothing to grow towards. "
+                    "Keep at least one sheet, or press Automatic again."
+                )
+            self._warn(reason)
+            messages.tell("Midstructure", reason)
+            return False
+        volume = self._volume
+        self._close()
+        self._mark.close()
+        if self._goes_on:
+            from . import commands
+
+            # Later: FreeCAD is still closing this dialog.
+            QtCore.QTimer.singleShot(0, lambda: commands.open_volume_panel(volume))
+        return True
+
+    def reject(self) -> bool:
+        """Close, and undo all that was done since the panel was opened."""
+        self._close()
+        doc = FreeCAD.listDocuments().get(self._document)
+        if doc is not None:
+            self._mark.go_back(self._macro.steps)
+        return True
+
+    def isAllowedAlterDocument(self) -> bool:
+        """Leave Undo usable while the panel is open."""
+        return True
+
+    def isAllowedAlterSelection(self) -> bool:
+        """Leave the selection usable while the panel is open."""
+        return True
+
+    def isAllowedAlterView(self) -> bool:
+        """Leave the view usable while the panel is open."""
+        return True
+
+    # Opening and closing.
+
+    def _make_stage(self) -> Stage:
+        volume = self._volume
+        parts = (volume.Source, volume.Shell, volume.Core, volume.FemMesh, volume.AnalysisBody)
+        shape = global_shape(volume.Source)
+        if shape is not None and len(shape.Solids) >= volume.Solid:
+            shape = shape.Solids[volume.Solid - 1]
+        view = self._obj.ViewObject.Proxy
+        view.draw(self._obj)
+        return Stage(self._obj, view.scene, [part for part in parts if part is not None], shape)
+
+    def _close(self) -> None:
+        self._clean()
+        FreeCADGui.Control.closeDialog()
+
+    def _clean(self) -> None:
+        if self._closed:
+            return
+        self._closed = True
+        self._runner.cancel()
+        FreeCAD.removeDocumentObserver(self)
+        if self._box:
+            self._box.close()
+        self._picking.close()
+        self._stage.close()
+        self._dock.close()
+
+    def _fill_form(self) -> None:
+        form = self.form
+        form.method.addItems([text for _, text in METHODS])
+        form.method.activated.connect(lambda *_: self._set_method())
+        form.depthText.editingFinished.connect(self._set_depth)
+        form.take.clicked.connect(self._take_selected)
+        form.samples.valueChanged.connect(lambda *_: self._set_samples())
+        form.findAgain.clicked.connect(self._find_or_cancel)
+        form.keep.clicked.connect(lambda: self._decide("keep"))
+        form.remove.clicked.connect(lambda: self._decide("remove"))
+        form.only.clicked.connect(lambda: self._decide("only"))
+        form.invert.clicked.connect(lambda: self._decide("invert"))
+        form.automatic.clicked.connect(lambda: self._command("automatic()"))
+        form.box.toggled.connect(self._toggle_box)
+        form.forget.clicked.connect(self._forget)
+        form.exact.clicked.connect(self._compute_thickness)
+        form.clipAxis.addItems([name for name, _ in AXES])
+        form.clip.toggled.connect(lambda *_: self._cut())
+        form.clipAxis.activated.connect(lambda *_: self._cut(turn=True))
+        form.clipSlider.valueChanged.connect(lambda *_: self._cut())
+        form.progress.hide()
+        form.warning.hide()
+        form.warning.setStyleSheet("color: #d9480f; font-weight: bold;")
+
+    # What documents tell an observer.
+
+    def slotChangedObject(self, obj: Any, name: str) -> None:
+        """Follow changes of the midstructure, by whomever."""
+        if obj.Document.Name == self._document and obj.Name in self._names:
+            self._refresh_soon.start()
+
+    def slotDeletedObject(self, obj: Any) -> None:
+        """Close when the midstructure, its volume or the body goes."""
+        if obj.Document.Name == self._document and obj.Name in self._names:
+            QtCore.QTimer.singleShot(0, self._close_if_gone)
+
+    def slotDeletedDocument(self, doc: Any) -> None:
+        """Close with the document."""
+        if doc.Name == self._document:
+            self._close()
+
+    def _close_if_gone(self) -> None:
+        if not self._closed and (is_deleted(self._obj) or is_deleted(self._volume)):
+            self._close()
+
+    # What is shown.
+
+    def _chosen(self) -> Any | None:
+        try:
+            return objects.chosen(self._obj)
+        except HybridVolumeError as error:
+            self._warn(error.line)
+            return None
+
+    def _refresh(self) -> None:
+        """Show what the properties say."""
+        if self._closed or is_deleted(self._obj):
+            return
+        obj, form = self._obj, self.form
+        found = self._chosen()
+        self._syncing = True
+        try:
+            names = [name for name, _ in METHODS]
+            method = "auto" if obj.Method == "medial-axis" else obj.Method
+            form.method.setCurrentIndex(names.index(method))
+            form.depthText.setVisible(method == "distance")
+            form.depthText.setText(obj.Depth)
+            form.take.setVisible(method == "own")
+            self._picking.anything = method == "own"
+            samples = method in ("auto", "skeleton")
+            form.samples.setVisible(samples)
+            form.samplesCaption.setVisible(samples)
+            form.samples.setValue(obj.Samples)
+            form.rule.setVisible(method == "auto")
+            self._rule.show(obj.Angle, obj.MinimumSize)
+        finally:
+            self._syncing = False
+        self._table.show(found)
+        self._table.select(selected_sheets(obj))
+        self._show_hints(found)
+        unmatched = list(obj.Unmatched)
+        form.unmatchedBox.setVisible(bool(unmatched))
+        form.unmatched.setText(
+            f"No sheet fits these decisions any more: {', '.join(unmatched)}" if unmatched else ""
+        )
+        self._enable()
+
+    def _show_hints(self, found: Any | None) -> None:
+        form = self.form
+        form.warning.hide()
+        if found is None:
+            form.hint.setText("")
+            return
+        told = hints(found, self._w0())
+        kept = found.kept_sheets
+        text = f"{kept} of {len(found.sheets)} sheets kept, in {_count(told.pieces, 'piece')}."
+        if kept and told.thickest > 0.0:
+            text += (
+                f" Shell about {told.thinnest:.3g} to {told.thickest:.3g} mm thick "
+                f"at w0 = {self._w0():.2g}."
+            )
+        form.hint.setText(text)
+        if not kept:
+            self._warn("Nothing is kept: keep at least one sheet.")
+        elif told.unreached:
+            self._warn("\n".join(_sentence(str(one)) for one in told.unreached[:3]))
+
+    def _w0(self) -> float:
+        return self._volume.W0 if self._volume.Result else preferences.load().w0
+
+    def _warn(self, text: str) -> None:
+        self.form.warning.setText(text)
+        self.form.warning.show()
+
+    def _write(self, line: str) -> None:
+        FreeCAD.Console.PrintLog(f"HybridVolume: {line}\n")
+
+    def _enable(self) -> None:
+        form, running = self.form, self.running
+        there = not running and bool(self._obj.Facets)
+        for widget in (form.sheets, form.rule, form.exact, form.box, form.invert, form.automatic):
+            widget.setEnabled(there)
+        some = there and bool(self._table.selection())
+        for widget in (form.keep, form.remove, form.only):
+            widget.setEnabled(some)
+        for widget in (form.method, form.depthText, form.take, form.samples):
+            widget.setEnabled(not running)
+        form.findAgain.setText("Cancel" if running else "Find again")
+        form.progress.setVisible(running)
+        form.stage.setVisible(bool(form.stage.text()))
+
+    # The search.
+
+    @property
+    def running(self) -> bool:
+        """Whether a computation is under way."""
+        return self._runner.running
+
+    @property
+    def job(self) -> Job | None:
+        """The job that is running."""
+        return self._runner.job
+
+    def find(self) -> None:
+        """Find the midstructure in the worker."""
+        self._start("midstructure", "Finding the midstructure")
+
+    def _find_or_cancel(self) -> None:
+        if self.running:
+            self._runner.cancel()
+            self._idle("Cancelled")
+        else:
+            self.find()
+
+    def _compute_thickness(self) -> None:
+        self._rule.finish()
+        self._start("thickness", "Computing the exact thickness")
+
+    def _start(self, goal: str, text: str) -> None:
+        if self.running:
+            return
+        self._goal = goal
+        try:
+            setup = environment_setup()
+        except HybridVolumeError as error:
+            self._fail(error, "")
+            return
+        if setup is False:
+            self._idle(NO_ENVIRONMENT)
+            return
+        self.form.stage.setText(text)
+        self.form.progress.setValue(0)
+        try:
+            self._runner.start(self._make_jobs, setup)
+        except HybridVolumeError as error:
+            self._fail(error, "")
+        self._enable()
+
+    def _make_jobs(self) -> Sequence[Job]:
+        chosen = preferences.load()
+        editor = Editor(self._obj)
+        keywords = {"python": worker_python(chosen.python), "free_only": chosen.free_only}
+        self._found_from = objects.search_inputs(self._obj)
+        if self._goal == "midstructure":
+            return [editor.job(**keywords)]
+        return [editor.thickness_job(self._w0(), **keywords)]
+
+    def _ready(self) -> bool:
+        doc = FreeCAD.listDocuments().get(self._document)
+        return doc is None or not doc.HasPendingTransaction
+
+    def _finish(self, jobs: Sequence[Job]) -> None:
+        (job,) = jobs
+        try:
+            if self._goal == "midstructure":
+                self._macro.found(job.result_file, self._found_from)
+                self._idle("")
+            else:
+                self._idle("")
+                self._show_thickness(job.result())
+        except HybridVolumeError as error:
+            self._fail(error, "")
+
+    def _show_thickness(self, figures: dict[str, Any]) -> None:
+        text = (
+            f"Exact: {figures['min']:.3g} to {figures['max']:.3g} mm, "
+            f"mean {figures['mean']:.3g} mm, at w0 = {figures['w0']:.2g}."
+        )
+        if figures["w0"] < self._w0() - 1e-9:
+            text += f" A larger w0 than {figures['largest_w0']:.2g} cannot be reached."
+        self.form.hint.setText(text)
+
+    def _fail(self, error: HybridVolumeError, log: str) -> None:
+        if log:
+            FreeCAD.Console.PrintError(log)
+        self._idle(f"Failed: {error.line}")
+        if not is_deleted(self._volume):
+            messages.show_error(error, self._volume.Source, log)
+
+    def _show_progress(self, share: float | None, text: str) -> None:
+        bar = self.form.progress
+        bar.setMaximum(0 if share is None else 1000)
+        if share is not None:
+            bar.setValue(round(1000 * share))
+        self.form.stage.setText(text)
+
+    def _idle(self, text: str) -> None:
+        self.form.stage.setText(text)
+        self._enable()
+
+    # Method, samples, depth, geometry.
+
+    def _set_method(self) -> None:
+        method = METHODS[self.form.method.currentIndex()][0]
+        now = "auto" if self._obj.Method == "medial-axis" else self._obj.Method
+        if self._syncing or method == now:
+            return
+        if self._command(f"set(method={method!r})") and (method != "own" or self._obj.Geometry):
+            self.find()
+        elif method == "own":
+            self._idle("Select points, wires or faces inside the body, then press Take selected.")
+
+    def _set_depth(self) -> None:
+        depth = self.form.depthText.text().strip()
+        if (
+            not self._syncing
+            and depth != self._obj.Depth
+            and self._command(f"set(depth={depth!r})")
+        ):
+            self.find()
+
+    def _set_samples(self) -> None:
+        samples = self.form.samples.value()
+        # below the smallest number there is only 0, which chooses by the body
+        low = objects.SAMPLES[0]
+        if 0 < samples < low:
+            samples = low if samples > self._obj.Samples else 0
+        if self._syncing or samples == self._obj.Samples:
+            return
+        if self._command(f"set(samples={samples})"):
+            self.find()
+
+    def _take_selected(self) -> None:
+        selected = [
+            obj
+            for obj in FreeCADGui.Selection.getSelection(self._document)
+            if obj.Name not in self._names and obj is not self._volume.Source
+        ]
+        if not selected:
+            self._idle("Select points, wires or faces inside the body, then press Take selected.")
+            return
+        names = ", ".join(self._macro.object_text(obj) for obj in selected)
+        if self._command(f"set(geometry=[{names}])"):
+            self.find()
+
+    # Angle and size.
+
+    def _preview(self) -> None:
+        """Show what the sliders would give; the document does not notice."""
+        if self._closed:
+            return
+        began = time.perf_counter()
+        found = objects.loaded(self._obj)
+        if found is None:
+            return
+        angle, size = self._rule.values
+        found = found.choose(angle=angle, minimum_size=size, decisions=tuple(self._obj.Decisions))
+        self._obj.ViewObject.Proxy.preview(found)
+        self._table.show(found)
+        self.form.hint.setText(f"{found.kept_sheets} of {len(found.sheets)} sheets kept.")
+        FreeCADGui.updateGui()
+        self.preview_seconds = time.perf_counter() - began
+
+    def _take_rule(self) -> None:
+        """Take angle and size into the document, as one step of Undo."""
+        if self._closed or is_deleted(self._obj):
+            return
+        changed = self._rule.changed_from(self._obj.Angle, self._obj.MinimumSize)
+        if changed:
+            self._command(f"set({', '.join(f'{k}={v:g}' for k, v in changed.items())})")
+        else:
+            self._obj.ViewObject.Proxy.draw(self._obj)
+            self._refresh_soon.start()
+
+    # Sheets.
+
+    def _click_sheet(self, number: int) -> None:
+        found = self._chosen()
+        if found is not None and not self.running:
+            self._decide("remove" if found.sheets[number].kept else "keep", [number])
+
+    def _toggle_row(self, number: int, kept: bool) -> None:
+        self._decide("keep" if kept else "remove", [number])
+
+    def _decide(self, action: str, numbers: Sequence[int] | None = None) -> None:
+        found = self._chosen()
+        if found is None:
+            return
+        if numbers is None:
+            numbers = self._table.selection()
+        if not numbers and action != "invert":
+            return
+        numbers = numbers or range(len(found.sheets))
+        self._rule.finish()
+        self._command(self._macro.decision(action, [found.sheets[k] for k in numbers]))
+
+    def _forget(self) -> None:
+        self._command("forget()")
+
+    def _command(self, call: str) -> bool:
+        """Run a method of the editor so that macros record it; whether it went well."""
+        try:
+            self._macro.run(call)
+        except HybridVolumeError as error:
+            self._refresh()
+            self._warn(error.line)
+            return False
+        self._refresh_soon.start()
+        return True
+
+    def _select_rows(self, numbers: list[int]) -> None:
+        self._syncing = True
+        try:
+            select_sheets(self._obj, numbers)
+        finally:
+            self._syncing = False
+        self._enable()
+
+    def _selection_changed(self) -> None:
+        if not self._syncing and not is_deleted(self._obj):
+            self._table.select(selected_sheets(self._obj))
+            self._enable()
+
+    def _hover(self, number: int | None) -> None:
+        found = self._chosen() if number is not None else None
+        if found is not None and number < len(found.sheets):
+            sheet = found.sheets[number]
+            what = "click to remove" if sheet.kept else "click to bring back"
+            text = f"{sheet_name(number)} ({' + '.join(sheet.faces)}): {sheet.reason}; {what}"
+            FreeCADGui.getMainWindow().statusBar().showMessage(text, 4000)
+
+    def _toggle_box(self, on: bool) -> None:
+        if self._box:
+            self._box.close()
+            self._box = None
+        if on:
+            view = FreeCADGui.getDocument(self._document).activeView()
+            self._box = BoxSelection(view, lambda box: self._take_box(view, box))
+
+    def _take_box(self, view: Any, box: tuple[float, ...] | None) -> None:
+        self._box = None
+        self.form.box.setChecked(False)
+        found = self._chosen()
+        if box is not None and found is not None:
+            numbers = sheets_in_box(view, found.vertices, found.facets, found.sheet, box)
+            select_sheets(self._obj, numbers)
+
+    # The view.
+
+    def _cut(self, *, turn: bool = False) -> None:
+        form = self.form
+        if turn and not form.clip.isChecked():
+            form.clip.setChecked(True)  # comes back here
+            return
+        if not form.clip.isChecked():
+            self._stage.cut(None)
+            return
+        direction = AXES[form.clipAxis.currentIndex()][1]
+        if direction is None:
+            view = FreeCADGui.getDocument(self._document).activeView()
+            direction = tuple(view.getViewDirection())
+        self._stage.cut(direction, form.clipSlider.value() / form.clipSlider.maximum())
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}."
