@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 # A sheet with more than this share of its area in the wedge of an edge reaches the surface there.
 EDGE_SHARE = 0.05
 # Share of a sheet's area that is left out at both ends of its object angles.
-STRAY_SHARE = 0.02
+STRAY_SHARE = 0.05
 PROBES = ("probe_points", "probe_radius", "probe_patch")
 
 
