@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""Figures and tables of the documentation, made again: ``./run.sh reproduce NAME -o DIR``."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import signal
+import sys
+import traceback
+from collections.abc import Sequence
+from importlib import import_module
+from typing import NoReturn
+
+from HybridVolume.errors import HybridVolumeError
+from HybridVolume.job import exit_code
+
+FIGURES = {"midstructure": "the automatic midstructure of all bodies, up to their shells"}
+"""What can be made again: modules of this package, with ``add_arguments`` and ``run``."""
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """End with code 2."""
+        self.exit(2, f"error: {message}; see ./run.sh reproduce --help\n")
+
+
+def parser() -> Parser:
+    """Return the parser of ``./run.sh reproduce``."""
+    p = Parser(prog="./run.sh reproduce", description=__doc__)
+    names = p.add_subparsers(dest="figure", required=True, metavar="NAME", parser_class=Parser)
+    for name, words in FIGURES.items():
+        own = names.add_parser(name, help=words, description=words)
+        own.add_argument("-o", "--output", required=True, metavar="DIR", help="output folder")
+        import_module(f"{__name__}.{name}").add_arguments(own)
+    return p
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Make one figure or table again.
+
+    Returns
+    -------
+    int
+        0 when all is as it should be, 2 for an input that is refused, 1 for anything else.
+    """
+    options = parser().parse_args(arguments)
+    logging.getLogger("HybridVolume").addHandler(logging.NullHandler())
+    try:
+        return import_module(f"{__name__}.{options.figure}").run(options)
+    except HybridVolumeError as error:
+        print(f"error: {error.line}", file=sys.stderr)
+        return exit_code(error)
+    except KeyboardInterrupt:
+        print("error: stopped; what is finished stays and is not done again", file=sys.stderr)
+        return 128 + signal.SIGINT
+    except OSError as fault:
+        print(f"error: {fault}", file=sys.stderr)
+        return 2
+    except Exception as fault:
+        print(f"error: fault of HybridVolume: {type(fault).__name__}: {fault}", file=sys.stderr)
+        traceback.print_exc()
+        return 1

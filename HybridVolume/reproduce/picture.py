@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""The picture of a midstructure: kept facets in the colours of their sheets, in a body of glass."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from HybridVolume.core.midstructure import Midstructure
+from HybridVolume.core.surface import PatchSurface
+from HybridVolume.exports.scene import Scene, Skin, Wire
+
+GLASS = (0.62, 0.70, 0.80)
+EDGE = (0.35, 0.40, 0.47)
+REMOVED = (0.62, 0.62, 0.62)
+COLOURS = (
+    (0.85, 0.22, 0.16), (0.16, 0.45, 0.80), (0.20, 0.63, 0.28), (0.95, 0.60, 0.10),
+    (0.55, 0.27, 0.70), (0.10, 0.66, 0.66), (0.85, 0.35, 0.60), (0.55, 0.40, 0.22),
+    (0.45, 0.62, 0.10), (0.30, 0.32, 0.62), (0.95, 0.80, 0.15), (0.45, 0.10, 0.20),
+)  # fmt: skip
+"""Of the kept sheets, the largest first; they come round again."""
+
+# A triangle flatter than this is drawn as a line.
+_FLAT = 0.02
+_TRIANGLES = 60_000
+
+
+def inside(surface: PatchSurface, midstructure: Midstructure) -> Scene:
+    """The body as glass, kept sheets solid, the outlines of removed ones faint.
+
+    Parameters
+    ----------
+    surface : PatchSurface
+    midstructure : Midstructure
+    """
+    skins = [_glass(surface)]
+    wires = [_edges(surface)]
+    kept_sheets = [k for k, sheet in enumerate(midstructure.sheets) if sheet.kept]
+    for place, k in enumerate(kept_sheets):
+        facets = midstructure.facets[midstructure.kept & (midstructure.sheet == k)]
+        skin, wire = _sheet(midstructure.vertices, facets, COLOURS[place % len(COLOURS)])
+        skins.extend(skin)
+        wires.extend(wire)
+    wires.extend(_outline(midstructure))
+    low, high = surface.control_points.min(axis=0), surface.control_points.max(axis=0)
+    order = np.argsort(high - low, kind="stable")
+    axes = np.eye(3)
+    up, along, third = axes[order[0]], axes[order[2]], axes[order[1]]
+    third = third * np.sign(np.linalg.det([along, third, up]))
+    direction = 0.35 * along + 0.62 * up - 0.85 * third
+    return Scene(
+        tuple(skins),
+        tuple(wires),
+        direction / np.linalg.norm(direction),
+        up,
+        0.5 * float(np.linalg.norm(high - low)),
+    )
+
+
+def _glass(surface: PatchSurface) -> Skin:
+    cells = int(np.clip(np.sqrt(_TRIANGLES / (2 * surface.element_count)), 1, 16))
+    mesh = surface.triangulation(cells)
+    return Skin(mesh.vertices, None, mesh.triangles, GLASS, 0.16)
+
+
+def _edges(surface: PatchSurface) -> Wire:
+    """Sides of all patches."""
+    t = np.linspace(0.0, 1.0, 33)
+    zero, one = np.zeros(33), np.ones(33)
+    lines = [
+        surface.evaluate(k, u, v)
+        for k in range(len(surface.patches))
+        for u, v in ((zero, t), (one, t), (t, zero), (t, one))
+    ]
+    return Wire(np.array(lines), EDGE, 1.2)
+
+
+def _sheet(
+    vertices: np.ndarray, facets: np.ndarray, colour: tuple[float, float, float]
+) -> tuple[list[Skin], list[Wire]]:
+    """Triangles of a sheet; those without area, and lines, as lines; points as small diamonds."""
+    x = vertices[facets]
+    side = np.linalg.norm(np.roll(x, -1, axis=1) - x, axis=2)
+    area = np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
+    longest = side.max(axis=1)
+    flat = area <= _FLAT * longest**2
+    skins, wires = [], []
+    if (~flat).any():
+        used, triangles = np.unique(facets[~flat], return_inverse=True)
+        skins.append(Skin(vertices[used], None, triangles.reshape(-1, 3), colour))
+    lines = np.flatnonzero(flat & (longest > 0.0))
+    if len(lines):
+        start = side[lines].argmax(axis=1)
+        ends = np.stack([x[lines, start], x[lines, (start + 1) % 3]], axis=1)
+        wires.append(Wire(ends, colour, 5.0))
+    points = np.unique(facets[flat & (longest == 0.0), 0]) if flat.any() else np.zeros(0, int)
+    if len(points):
+        size = 0.01 * float(np.ptp(vertices, axis=0).max() or 1.0)
+        arms = np.concatenate([np.eye(3), -np.eye(3)]).reshape(2, 3, 3).swapaxes(0, 1)
+        crosses = vertices[points][:, None, None] + size * arms
+        wires.append(Wire(crosses.reshape(-1, 2, 3), colour, 5.0))
+    return skins, wires
+
+
+def _outline(midstructure: Midstructure) -> list[Wire]:
+    """Edges of one facet only, of sheets of which nothing is kept."""
+    gone = np.array([not sheet.kept for sheet in midstructure.sheets], dtype=bool)
+    rows = gone[midstructure.sheet] if len(gone) else np.zeros(len(midstructure.facets), bool)
+    facets = midstructure.facets[rows]
+    if not len(facets):
+        return []
+    pairs = np.sort(facets[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    sheet = np.repeat(midstructure.sheet[rows], 3)
+    keys = np.column_stack([sheet, pairs])
+    unique, count = np.unique(keys, axis=0, return_counts=True)
+    rim = unique[(count == 1) & (unique[:, 1] != unique[:, 2])][:, 1:]
+    return [Wire(midstructure.vertices[rim], REMOVED, 1.0)] if len(rim) else []
