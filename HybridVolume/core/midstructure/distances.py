@@ -102,6 +102,8 @@ class SurfaceDistance:
         Unit normals out of the material; zero where the surface is singular.
     area : (s,) array
         Share of the surface that each sample stands for, mm².
+    spacing : float
+        Largest distance of neighbouring samples, mm, about.
     """
 
     def __init__(self, surface: PatchSurface, samples: int = SAMPLES) -> None:
@@ -142,7 +144,7 @@ class SurfaceDistance:
                 )
             )
         total = sum(float(size.prod(axis=1).sum()) for size in lengths)
-        step = (total / count) ** 0.5
+        step = self.spacing = (total / count) ** 0.5
         rows = []
         for number, (group, length) in enumerate(zip(self._groups, lengths, strict=True)):
             cells = np.clip(np.ceil(length / step), 3, 1000).astype(int)
@@ -171,11 +173,24 @@ class SurfaceDistance:
     @cached_property
     def sample_patch(self) -> np.ndarray:
         """Patch of each sample, (s,)."""
-        patch = np.empty(len(self._points), dtype=int)
+        return self._places(self._group, self._element, self._uv)[0]
+
+    @cached_property
+    def sample_uv(self) -> np.ndarray:
+        """Parameters of each sample on its patch, (s, 2), in [0, 1]."""
+        return self._places(self._group, self._element, self._uv)[1]
+
+    def _places(
+        self, of_group: np.ndarray, element: np.ndarray, uv: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Patch and its parameters, from parameters of elements."""
+        patch, place = np.empty(len(element), dtype=int), uv.copy()
         for number, group in enumerate(self._groups):
-            mine = self._group == number
-            patch[mine] = group.patch[self._element[mine]]
-        return patch
+            mine = np.flatnonzero(of_group == number)
+            which = element[mine]
+            patch[mine] = group.patch[which]
+            place[mine] = group.low[which] + group.size[which] * uv[mine]
+        return patch, np.clip(place, 0.0, 1.0)
 
     @cached_property
     def mesh(self) -> SurfaceMesh:
@@ -248,14 +263,9 @@ class SurfaceDistance:
                 )
         order = np.lexsort([square, row])
         best = order[np.unique(row[order], return_index=True)[1]]
-        patch = np.empty(n, dtype=int)
-        place = uv[best]
-        for number, group in enumerate(self._groups):
-            mine = np.flatnonzero(self._group[start[best]] == number)
-            which = self._element[start[best[mine]]]
-            patch[mine] = group.patch[which]
-            place[mine] = group.low[which] + group.size[which] * place[mine]
-        return np.sqrt(square[best]), foot[best], patch, np.clip(place, 0.0, 1.0), index[:, 0]
+        chosen = start[best]
+        patch, place = self._places(self._group[chosen], self._element[chosen], uv[best])
+        return np.sqrt(square[best]), foot[best], patch, place, index[:, 0]
 
 
 def _project(
