@@ -54,7 +54,9 @@ def volume_report(
     return {
         "version": SCHEMA,
         "input": {**source, **surface_figures(volume.surface)},
-        "midstructure": midstructure_figures(volume.midstructure, volume.report.get("search", {})),
+        "midstructure": midstructure_figures(
+            volume.midstructure, volume.report.get("search", {}), shell.w0
+        ),
         "field": dict(volume.field),
         "shell": shell_figures(shell, volume),
         "interior": {
@@ -78,7 +80,7 @@ def volume_report(
             "min_scaled_jacobian": fem.min_scaled_jacobian,
             "volume": fem.volume,
         },
-        "notes": [*shell.notes, *unmatched_notes(volume.midstructure)],
+        "notes": [*shell.notes, *midstructure_notes(volume.midstructure)],
         "seconds": {**seconds, "total": sum(seconds.values())},
         "peak_memory_mb": peak_memory_mb(),
         "versions": versions(),
@@ -102,8 +104,10 @@ def stage_report(
     return {
         "version": SCHEMA,
         "input": {**source, **surface_figures(stage.surface)},
-        "midstructure": midstructure_figures(stage.midstructure, search_figures(options)),
-        "notes": unmatched_notes(stage.midstructure),
+        "midstructure": midstructure_figures(
+            stage.midstructure, search_figures(options), options.w0
+        ),
+        "notes": midstructure_notes(stage.midstructure),
         "seconds": {**seconds, "total": sum(seconds.values())},
         "peak_memory_mb": peak_memory_mb(),
         "versions": versions(),
@@ -129,7 +133,9 @@ def surface_figures(surface: PatchSurface) -> dict[str, Any]:
     }
 
 
-def midstructure_figures(midstructure: Midstructure, search: Mapping[str, Any]) -> dict[str, Any]:
+def midstructure_figures(
+    midstructure: Midstructure, search: Mapping[str, Any], w0: float
+) -> dict[str, Any]:
     """Figures of the midstructure, and what was decided about each sheet.
 
     Parameters
@@ -137,7 +143,12 @@ def midstructure_figures(midstructure: Midstructure, search: Mapping[str, Any]) 
     midstructure : Midstructure
     search : mapping
         How it was asked for.
+    w0 : float
+        Of the shell, for the estimate of its thickness.
     """
+    from HybridVolume.core.midstructure.hints import hints
+
+    told = hints(midstructure, w0)
     return {
         "method": midstructure.method,
         **search,
@@ -145,6 +156,17 @@ def midstructure_figures(midstructure: Midstructure, search: Mapping[str, Any]) 
         "kept": midstructure.kept_sheets,
         "facets": int(np.count_nonzero(midstructure.kept)),
         "area": midstructure.area,
+        "pieces": told.pieces,
+        "thinnest": told.thinnest,
+        "thickest": told.thickest,
+        "unreached": [
+            {
+                "faces": list(region.faces),
+                "share": float(region.share),
+                "distance": float(region.distance),
+            }
+            for region in told.unreached
+        ],
         "unmatched": list(midstructure.unmatched),
         "decisions": [
             {
@@ -160,9 +182,14 @@ def midstructure_figures(midstructure: Midstructure, search: Mapping[str, Any]) 
     }
 
 
-def unmatched_notes(midstructure: Midstructure) -> list[str]:
-    """A note for each decision that fits no sheet."""
-    return [f"{decision}: no such sheet, nothing was done" for decision in midstructure.unmatched]
+def midstructure_notes(midstructure: Midstructure) -> list[str]:
+    """Notes on decisions that fit no sheet, and on regions that nothing kept reaches."""
+    from HybridVolume.core.midstructure.hints import hints
+
+    return [
+        *(f"{decision}: no such sheet, nothing was done" for decision in midstructure.unmatched),
+        *(str(region) for region in hints(midstructure).unreached),
+    ]
 
 
 def shell_figures(shell: Shell, volume: HybridVolume) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import variants
 
+from HybridVolume import report
 from HybridVolume.core import growth, pipeline
 from HybridVolume.core.assembly import build_surface
 from HybridVolume.core.pipeline import Options, complete
@@ -114,13 +115,68 @@ def test_layers_and_degree_are_what_was_asked():
 
 @pytest.mark.parametrize(
     "values",
-    [{"w0": 0.0}, {"w0": 1.5}, {"layers": 0}, {"order": 3}, {"nodes": "gauss"}, {"tolerance": 1.0}],
+    [
+        *({"w0": 0.0}, {"w0": 1.5}, {"layers": 0}, {"order": 3}, {"nodes": "gauss"}),
+        *({"tolerance": 1.0}, {"samples": 10}, {"angle": 20.0}),
+    ],
 )
 def test_values_out_of_range_are_refused(values):
     with pytest.raises(InputError) as refusal:
         Options(**values)
     assert next(iter(values)) in refusal.value.line
     assert "choose" in refusal.value.remedy
+
+
+@pytest.mark.parametrize(
+    "values",
+    [{"midstructure": "magic"}, {"depth": "0"}, {"decisions": ["drop A+B"]}, {"minimum_size": -1}],
+)
+def test_searches_that_make_no_sense_are_refused(values):
+    with pytest.raises(InputError):
+        Options(**values)
+
+
+def plain_box():
+    """4 x 2 x 1; its middle sheet has the area (4 - 1) (2 - 1)."""
+    return build_surface(list(bodies.box((4.0, 2.0, 1.0), (4, 2, 1)).faces))
+
+
+def test_all_goals_go_by_the_same_midstructure():
+    surface, options = plain_box(), Options(samples=4000, w0=0.5)
+    stage = pipeline.midstructure_stage(surface, options)
+    assert stage.midstructure.area == pytest.approx(3.0, rel=0.01)
+    assert stage.surface.volume() == pytest.approx(8.0)
+    again, figures = pipeline.thickness(surface, options)
+    assert np.array_equal(again.midstructure.vertices, stage.midstructure.vertices)
+    # half the way to the middle, and less where the corners round the level off
+    assert 0.2 < figures["min"] <= 0.27 and figures["max"] < 1.0
+    assert [part["face"] for part in figures["faces"]] == [p.face for p in surface.patches]
+    volume = complete(surface, Options(samples=4000, w0=0.3, decisions=("keep FaceX+FaceY",)))
+    assert np.array_equal(volume.midstructure.vertices, stage.midstructure.vertices)
+    assert volume.report["search"]["decided"] == ["keep FaceX+FaceY"]
+    told = report.volume_report(volume, {}, {})
+    assert told["midstructure"]["unmatched"] == ["keep FaceX+FaceY"]
+    assert "keep FaceX+FaceY: no such sheet, nothing was done" in told["notes"]
+    assert told["midstructure"]["pieces"] == 1 and told["midstructure"]["unreached"] == []
+
+
+def test_decisions_that_leave_nothing_are_refused_with_the_sheets_names():
+    surface = plain_box()
+    (middle,) = [
+        sheet
+        for sheet in pipeline.midstructure_stage(surface, Options(samples=2000)).midstructure.sheets
+        if sheet.kept
+    ]
+    remove = f"remove {middle.name}"
+    with pytest.raises(InputError, match="nothing is left of the midstructure") as refusal:
+        complete(surface, Options(samples=2000, decisions=(remove,)))
+    assert remove in refusal.value.line and "keep a sheet; the largest are" in refusal.value.line
+    with pytest.raises(InputError, match="no such sheet; the largest sheets are") as refusal:
+        complete(
+            surface, Options(samples=2000, decisions=("keep X+Y", remove), strict_decisions=True)
+        )
+    assert refusal.value.message == "keep X+Y: no such sheet"
+    assert middle.name in refusal.value.remedy
 
 
 def test_a_surface_that_cuts_itself_is_refused():
