@@ -15,6 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial import legendre
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
@@ -24,8 +25,8 @@ from .surface import PatchSurface
 
 logger = logging.getLogger(__name__)
 
-LOBATTO_5 = 0.5 + 0.5 * np.array([-1.0, -np.sqrt(3.0 / 7.0), 0.0, np.sqrt(3.0 / 7.0), 1.0])
-LOBATTO_4 = 0.5 + 0.5 * np.array([-1.0, -np.sqrt(0.2), np.sqrt(0.2), 1.0])
+ACROSS = np.array([0.0, 0.5, 1.0])
+"""Places of the samples in w: on straight columns det J is quadratic in w."""
 AREA_SHARE = 0.05
 """Weight of the volume term; without it cells shrink to nothing."""
 BARRIER = 1e-9
@@ -132,6 +133,12 @@ def _sample_set(
     )
 
 
+def lobatto(count: int) -> np.ndarray:
+    """Places of Gauss-Lobatto quadrature on [0, 1], both ends among them."""
+    inner = legendre.legroots(legendre.legder(np.eye(count)[-1]))
+    return np.concatenate([[0.0], 0.5 + 0.5 * inner, [1.0]])
+
+
 def _reference_frames(s_u: np.ndarray, s_v: np.ndarray, thickness: np.ndarray) -> np.ndarray:
     """Right-handed frames (s_v, s_u, T n), squared off where s_u and s_v nearly agree."""
     normal = -np.cross(s_u, s_v)
@@ -215,7 +222,9 @@ class ColumnEnergy:
         self.target = target[self.nodes]
         self.sets: list[_SampleSet] = []
         self.shares: list[float] = []
-        self._watch(self.elements, LOBATTO_5, LOBATTO_4)
+        # as many samples as coefficients: what folds between them is found by the proof
+        degree = max(max(patch.degrees) for patch in surface.patches)
+        self._watch(self.elements, lobatto(min(max(degree + 1, 4), 8)), ACROSS)
 
     def _watch(self, elements: np.ndarray, uv: np.ndarray, w: np.ndarray) -> None:
         samples = _sample_set(self.surface, self.reference, self.degree_w, uv, w, elements)
