@@ -116,7 +116,8 @@ def parser() -> Parser:
         description="Complete the volume of the bodies of a STEP or BREP file: a shell of NURBS "
         "elements that keeps their faces bit for bit, tetrahedra in the core, one mesh for FEM.",
         epilog="Writes NAME.FCStd, NAME.vtu, NAME.inp, NAME.png and report.json. Ends with 0 when "
-        "every element is proved valid, 2 for an input that it refuses, 1 for a fault of its own.",
+        "every element is proved valid, 2 for an input that it refuses, 1 for a fault of its own. "
+        "`./run.sh reproduce NAME -o DIR` makes a figure or table of the documentation again.",
     )
     p.add_argument("body", metavar="BODY.step", help="STEP or BREP file with untrimmed NURBS faces")
     p.add_argument("-o", "--output", metavar="DIR", help="output folder (default: ./NAME)")

@@ -82,6 +82,38 @@ def test_faces_travel_bit_for_bit(tmp_path):
             assert np.array_equal(a, b)
 
 
+def test_own_geometry_travels_bit_for_bit(tmp_path):
+    vertices, facets = np.eye(4, 3) / 3.0, np.array([[0, 1, 2], [0, 3, 3], [2, 2, 2]])
+    exchange.write_own(tmp_path / "own.npz", vertices, facets)
+    again = exchange.read_own(tmp_path / "own.npz")
+    assert np.array_equal(again[0], vertices) and np.array_equal(again[1], facets)
+    assert exchange.read_own(tmp_path / "none.npz") is None
+
+
+THICKNESS = """
+import json
+task = json.load(open(os.path.join(FOLDER, "job.json")))
+answer = {"thickness": {"goal": task["goal"], "own": os.path.exists(FOLDER + "/own.npz")}}
+json.dump(answer, open(os.path.join(FOLDER, "report.json"), "w"))
+print('{"done": true}', flush=True)
+"""
+
+
+def test_a_goal_on_the_way(worker, tmp_path):
+    own = (np.eye(3), np.array([[0, 1, 2]]))
+    with make_job(worker(THICKNESS), tmp_path, goal="thickness", own=own) as job:
+        assert job.run() == {"goal": "thickness", "own": True}
+    with (
+        make_job(worker(THICKNESS), tmp_path, goal="midstructure") as job,
+        pytest.raises(WorkerError, match="did not write result.npz"),
+    ):
+        job.run()
+    with pytest.raises(ValueError, match="unknown goal"):
+        make_job("", tmp_path, goal="everything")
+    with pytest.raises(ValueError, match="unknown exports"):
+        make_job("", tmp_path, goal="midstructure", exports=("vtu",))
+
+
 def test_progress_and_answer(worker, tmp_path):
     job = make_job(worker(ANSWER), tmp_path, exports=("vtu",))
     news = []
