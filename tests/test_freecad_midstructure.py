@@ -491,7 +491,6 @@ PIECES = {
 
 @pytest.mark.parametrize("name", PIECES)
 def test_own_geometry_is_found(doc, volume, name):
-    pytest.importorskip("HybridVolume.core.midstructure.own")
     make, wanted = PIECES[name]
     piece = doc.addObject("Part::Feature", "Piece")
     piece.Shape = make()
@@ -514,7 +513,6 @@ def test_own_geometry_is_found(doc, volume, name):
 
 
 def test_own_without_geometry_is_refused(volume):
-    pytest.importorskip("HybridVolume.core.midstructure.own")
     mid = HybridVolume.edit_midstructure(volume)
     mid.set(method="own")
     with pytest.raises(InputError, match="no geometry is given"):
