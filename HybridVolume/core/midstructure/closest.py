@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-_NEAREST = 8
+_NEAREST = 6
 
 
 def on_triangles(points: np.ndarray, corners: np.ndarray) -> np.ndarray:

@@ -128,6 +128,8 @@ class Remesher:
     sheet : (f,) int array
     size : callable
         Wanted edge lengths, mm, at points (k, 3).
+    wanted : (n,) array
+        The same at the vertices.
     """
 
     def __init__(
@@ -136,9 +138,10 @@ class Remesher:
         triangles: np.ndarray,
         sheet: np.ndarray,
         size: Callable[[np.ndarray], np.ndarray],
+        wanted: np.ndarray,
     ) -> None:
         self.x, self.t, self.sheet, self.size = vertices, triangles, sheet, size
-        self.h = size(vertices) if len(vertices) else np.zeros(0)
+        self.h = wanted
         self.fixed = np.zeros(len(vertices), dtype=bool)
 
     # ------------------------------------------------------------------ what is where
@@ -326,34 +329,33 @@ class Remesher:
             Vertices that went.
         """
         done = 0
+        n = len(self.x)
+        refused = np.zeros(0, dtype=np.int64)
         for _ in range(rounds):
-            pairs, priority = self._collapsible(limit, worst)
+            edges, curve, degree = self.edges()
+            pairs, edge, priority = self._short(edges, curve, degree, limit, worst)
+            new = ~np.isin(pairs[:, 0] * n + pairs[:, 1], refused)
+            pairs, edge, priority = pairs[new], edge[new], priority[new]
             if not len(pairs):
                 break
-            n = len(self.x)
-            best = np.full(n, len(pairs))
-            rank = np.empty(len(pairs), dtype=np.int64)
-            rank[np.argsort(priority, kind="stable")] = np.arange(len(pairs))
-            np.minimum.at(best, pairs[:, 0], rank)
-            np.minimum.at(best, pairs[:, 1], rank)
-            around = best.copy()
-            for i, j in ((0, 1), (1, 2), (2, 0)):
-                np.minimum.at(around, self.t[:, i], best[self.t[:, j]])
-                np.minimum.at(around, self.t[:, j], best[self.t[:, i]])
-            go = (rank <= around[pairs[:, 0]]) & (rank <= around[pairs[:, 1]])
+            chosen = self._apart(pairs, priority)
+            pairs, edge = pairs[chosen], edge[chosen]
+            good = self._keeps_topology(pairs, edges, edge, curve)
+            good[good] = self._keeps_shape(pairs[good])
+            refused = np.append(refused, pairs[~good, 0] * n + pairs[~good, 1])
             to = np.arange(n)
-            to[pairs[go, 0]] = pairs[go, 1]
+            to[pairs[good, 0]] = pairs[good, 1]
             self.t = to[self.t]
             solid = (self.t != self.t[:, [1, 2, 0]]).all(axis=1)
             self.t, self.sheet = self.t[solid], self.sheet[solid]
-            done += int(go.sum())
+            done += int(good.sum())
         self.compact()
         return done
 
-    def _collapsible(self, limit: float, worst: float) -> tuple[np.ndarray, np.ndarray]:
-        """Moves (vertex, where to), the allowed ones, and their order (small numbers first)."""
-        n = len(self.x)
-        edges, curve, degree = self.edges()
+    def _short(
+        self, edges: Edges, curve: np.ndarray, degree: np.ndarray, limit: float, worst: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Moves (vertex, where to) along short edges, (k, 2), their edges, and their order."""
         a, b = edges.ends.T
         length = np.linalg.norm(self.x[a] - self.x[b], axis=1)
         ratio = length / (0.5 * (self.h[a] + self.h[b]))
@@ -365,27 +367,43 @@ class Remesher:
         some = np.flatnonzero(wanted)
         pairs = np.vstack([edges.ends[some], edges.ends[some][:, ::-1]])
         edge = np.tile(some, 2)
-        go, stay = pairs.T
+        go = pairs[:, 0]
         allowed = ~self.fixed[go] & ((degree[go] == 0) | ((degree[go] == 2) & curve[edge]))
         pairs, edge = pairs[allowed], edge[allowed]
-        if not len(pairs):
-            return pairs, np.zeros(0)
+        # vertices inside of sheets go first
+        return pairs, edge, ratio[edge] + (degree[pairs[:, 0]] > 0)
+
+    def _apart(self, pairs: np.ndarray, priority: np.ndarray) -> np.ndarray:
+        """Numbers of moves, the first of their surroundings, no two of them at one triangle."""
+        best = np.full(len(self.x), len(pairs))
+        rank = np.empty(len(pairs), dtype=np.int64)
+        rank[np.argsort(priority, kind="stable")] = np.arange(len(pairs))
+        np.minimum.at(best, pairs[:, 0], rank)
+        np.minimum.at(best, pairs[:, 1], rank)
+        around = best.copy()
+        least = best[self.t].min(axis=1)
+        for k in range(3):
+            np.minimum.at(around, self.t[:, k], least)
+        return np.flatnonzero((rank <= around[pairs[:, 0]]) & (rank <= around[pairs[:, 1]]))
+
+    def _keeps_topology(
+        self, pairs: np.ndarray, edges: Edges, edge: np.ndarray, curve: np.ndarray
+    ) -> np.ndarray:
+        """The link condition: what is joined to both ends lies opposite, in a triangle of the edge.
+
+        And curves must not close upon themselves.
+        """
+        n = len(self.x)
         go, stay = pairs.T
-        # link condition: what is joined to both ends lies opposite in a triangle of the edge
-        one = np.ones(len(edges.ends))
+        a, b = edges.ends.T
+        one = np.ones(len(a))
         net = coo_matrix((one, (a, b)), shape=(n, n)).tocsr()
         net = net + net.T
         common = np.asarray(net[go].multiply(net[stay]).sum(axis=1)).ravel()
-        good = common == edges.count[edge]
-        # a curve must not close upon itself
         bend = coo_matrix((one[curve], (a[curve], b[curve])), shape=(n, n)).tocsr()
         bend = bend + bend.T
-        good &= np.asarray(bend[go].multiply(bend[stay]).sum(axis=1)).ravel() == 0
-        pairs, edge = pairs[good], edge[good]
-        good = self._keeps_shape(pairs)
-        pairs, edge = pairs[good], edge[good]
-        # vertices inside of sheets go first
-        return pairs, ratio[edge] + (degree[pairs[:, 0]] > 0)
+        third = np.asarray(bend[go].multiply(bend[stay]).sum(axis=1)).ravel()
+        return (common == edges.count[edge]) & (third == 0)
 
     def _keeps_shape(self, pairs: np.ndarray) -> np.ndarray:
         """Whether triangles keep their side and get no bad shape, and none comes twice."""

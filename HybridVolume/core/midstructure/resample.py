@@ -29,7 +29,7 @@ FOLD = 25.0
 # Vertices stay this near to the given facets, in units of the distance to the surface.
 NEAR = 0.01
 # Rounds of splits, collapses, flips and smoothing.
-ROUNDS = 8
+ROUNDS = 6
 # Triangles with a smaller angle are collapsed in the second half of the rounds, degrees.
 POOR = 15.0
 # What comes nearer than this share of the wanted length touches.
@@ -146,8 +146,7 @@ class _Source:
 
         points, r = line_points(x, radius, lines, free)
         given = len(x)
-        mesh = Remesher(x, facets[solid], sheet[solid], lambda p: size(free(p)))
-        mesh.h = size(radius)
+        mesh = Remesher(x, facets[solid], sheet[solid], lambda p: size(free(p)), size(radius))
         mesh.split(2.5)
         radius = np.append(radius, free(mesh.x[given:])) if len(mesh.x) > given else radius
         return cls(mesh.x, mesh.t, mesh.sheet, radius, points, r, size)
@@ -199,10 +198,8 @@ class _Source:
         x, t = self.vertices, self.triangles
         n = len(x)
         if not len(t):
-            return Remesher(
-                np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), self.sheet, self.size
-            )
-        mesh = Remesher(x, t, self.sheet, self.size)
+            return Remesher(x[:0], t, self.sheet, self.size, self.h[:0])
+        mesh = Remesher(x, t, self.sheet, self.size, self.h)
         edges, curve, degree = mesh.edges()
         kind = np.where(degree == 0, 2, np.where(degree == 2, 1, 0))
         # several passes: rank rims and seams first
@@ -229,8 +226,9 @@ class _Source:
         return used[order[first]]
 
     def rest(self, mesh):
-        points = np.vstack([self.vertices[self.used], self.lines])
-        radius = np.append(self.radius[self.used], self.line_radius)
+        used = self._thinned(np.zeros(len(self.vertices)), DETAIL * self.h)
+        points = np.vstack([self.vertices[used], self.lines])
+        radius = np.append(self.radius[used], self.line_radius)
         if len(mesh.t):
             carrier = Carrier(mesh.x[mesh.t], mesh.h[mesh.t].mean(axis=1))
             d = np.linalg.norm(carrier.closest(points)[0] - points, axis=1)
