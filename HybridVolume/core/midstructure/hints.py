@@ -34,8 +34,10 @@ _AROUND = 24
 # Nothing kept within so many half thicknesses of the thickest place uphill: not reached. The
 # corners of a box are √3 away, the tip of a 60 degree edge 2.
 _REACH = 2.5
-# Fewer probes are no region.
+# Fewer probes are no region, nor is a smaller share of the surface that is no good share of any
+# face.
 _FEWEST = 3
+_LARGE = 0.02
 # Smallest share of a face's own probes by which it belongs to a region.
 _FACE_SHARE = 0.2
 
@@ -270,16 +272,17 @@ def _unreached(midstructure: Midstructure, distance: np.ndarray) -> tuple[Unreac
     part of its own: the body grows steadily thicker towards what is kept. So every far probe
     climbs to where the body is thicker as long as it is, and what is kept must be near the summit.
     """
-    points, half = midstructure.probe_points, midstructure.probe_radius
+    points = midstructure.probe_points
+    tree = cKDTree(points)
+    number = min(_AROUND, len(points))
+    apart, near = (x.reshape(len(points), number) for x in tree.query(points, k=number))
+    # single probes at sharp edges see another thickness than those around them
+    half = np.median(midstructure.probe_radius[near[:, :9]], axis=1)
     far = np.flatnonzero(distance > _REACH * half)
     if not len(far):
         return ()
-    tree = cKDTree(points)
     # where the body is thinner than the probes are apart, the next ones are looked at
-    number = min(_AROUND, len(points))
-    apart = tree.query(points[far], k=number)[0].reshape(len(far), number)[:, -1]
-    reach = 3.0 * half
-    reach[far] = np.maximum(reach[far], apart)
+    reach = np.maximum(3.0 * half, apart[:, -1])
     at = far
     for _ in range(20):
         here, which = np.unique(at, return_inverse=True)
@@ -298,9 +301,8 @@ def _unreached(midstructure: Midstructure, distance: np.ndarray) -> tuple[Unreac
     regions = []
     for part in np.unique(label):
         members = far[label == part]
-        if len(members) >= _FEWEST:
-            faces = _faces(midstructure, members)
-            share = len(members) / len(points)
+        faces, share = _faces(midstructure, members), len(members) / len(points)
+        if len(members) >= _FEWEST and (faces or share > _LARGE):
             regions.append(Unreached(faces, share, float(distance[members].max())))
     return tuple(sorted(regions, key=lambda region: -region.share))
 
