@@ -27,6 +27,8 @@ OPPOSITE = 125.0
 RIDGE = 1.12
 # Side of the cubes in which balls are looked for, in radii.
 CUBE = 0.12
+# Four whole numbers as one, which wraps around.
+HASH = np.array([0x9E3779B97F4A7C1, 0xC2B2AE3D27D4EB4, 0x165667B19E3779F, 0x27D4EB2F165667C])
 
 
 class Cells:
@@ -126,12 +128,11 @@ class Cells:
         if not len(some):
             some = np.flatnonzero(self.candidate)
         # one representative, the largest ball, in every cube of a part of the radius
+        centre = self.centre - self.centre.mean(axis=0)
         level = np.floor(np.log2(self.radius))
-        place = np.floor(self.centre / (CUBE * 2.0**level)[:, None])
-        key = np.column_stack([level, place]).astype(np.int64)
-        key -= key.min(axis=0)
-        size = key.max(axis=0) + 1
-        _, label = np.unique(np.ravel_multi_index(key.T, size), return_inverse=True)
+        place = np.floor(centre / (CUBE * 2.0**level)[:, None])
+        key = np.column_stack([level, place]).astype(np.int64) @ HASH
+        _, label = np.unique(key, return_inverse=True)
         order = np.lexsort([-self.radius, label])
         first = order[np.unique(label[order], return_index=True)[1]]
         centre, radius = self.centre[first], self.radius[first]
