@@ -145,6 +145,16 @@ def test_a_result_fills_a_volume_that_was_started(doc, box, tmp_path):
     assert volume.Status == "Up to date" and volume.Midstructure is child
     assert child.Status == "Up to date" and child.Kept == (True,)
     assert volume.Shell.Elements == 12 and volume.FemMesh.FemMesh.VolumeCount == 24
+    HybridVolume.edit_midstructure(volume).remove(faces=OPPOSITE)
+    assert volume.Status == volume.Shell.Status == "Out of date: Midstructure.Decisions changed"
+    assert child.Status == "Nothing is kept: keep a sheet"
+    # the worker was busy with an older choice: the newer one stays, and is told
+    document.insert(doc, box, [document.Prepared(one)], volume)
+    assert child.Decisions == ["remove Face5+Face6"] and child.Kept == (False,)
+    assert volume.Status == "Out of date: Midstructure.Decisions changed"
+    doc.undo()
+    doc.undo()
+    assert volume.Status == "Up to date" and child.Status == "Up to date"
     doc.undo()
     assert volume.Status == "Not computed" and volume.Shell is None
     assert {obj.Name for obj in doc.Objects} == {"Box", "HybridVolume", "Midstructure"}

@@ -132,6 +132,16 @@ def test_saved_and_reopened(doc, box, volume, tmp_path):
             lambda volume: setattr(volume.Midstructure, "Method", "medial-axis"),
             "Out of date: Midstructure.Method changed",
         ),
+        (
+            lambda volume: setattr(volume.Midstructure, "Method", "distance"),
+            "Out of date: Midstructure.Method changed",
+        ),
+        (
+            lambda volume: setattr(volume.Midstructure, "Angle", 140.0),
+            "Out of date: Midstructure.Angle changed",
+        ),
+        # the medial axis knows no depth
+        (lambda volume: setattr(volume.Midstructure, "Depth", "20%"), "Up to date"),
     ],
 )
 def test_a_recompute_only_marks(doc, volume, change, told):
