@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""FreeCAD's window runs this: one scenario of gui_scenarios.py, its answer into a JSON file."""
+"""FreeCAD's window runs this: one scenario, its answer into a JSON file."""
 
+import importlib
 import json
 import os
 import sys
@@ -14,11 +15,10 @@ sys.path.insert(0, os.environ["HYBRIDVOLUME_TESTS"])
 
 def run():
     """Run the scenario that the environment names and end FreeCAD."""
-    import gui_scenarios
-
     answer = {}
     try:
-        getattr(gui_scenarios, os.environ["HYBRIDVOLUME_SCENARIO"])(answer)
+        module, function = os.environ["HYBRIDVOLUME_SCENARIO"].split(".")
+        getattr(importlib.import_module(module), function)(answer)
         answer["finished"] = True
     except BaseException:
         answer["traceback"] = traceback.format_exc()

@@ -2,80 +2,19 @@
 # SPDX-FileCopyrightText: The HybridVolume authors
 """The workbench in FreeCAD's real window under a virtual screen, with the real worker."""
 
-import json
-import os
 import shutil
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
+from gui_play import needs_window, play, worker_python
 
-from HybridVolume import job
-from HybridVolume.errors import SetupError
 from HybridVolume.freecad_python import import_freecad
 
-TESTS = Path(__file__).resolve().parent
-SCREEN = "-screen 0 1280x900x24 -dpi 96 +extension GLX"
-SETTINGS = """<?xml version="1.0" encoding="UTF-8" standalone="no" ?>
-<FCParameters>
-  <FCParamGroup Name="Root"><FCParamGroup Name="BaseApp"><FCParamGroup Name="Preferences">
-    <FCParamGroup Name="General"><FCText Name="AutoloadModule">PartWorkbench</FCText></FCParamGroup>
-    <FCParamGroup Name="Mod"><FCParamGroup Name="HybridVolume">
-      <FCBool Name="AskMidstructure" Value="{ask}"/>
-    </FCParamGroup></FCParamGroup>
-  </FCParamGroup></FCParamGroup></FCParamGroup>
-</FCParameters>
-"""
-
-pytestmark = pytest.mark.skipif(
-    not (shutil.which("freecad") and shutil.which("xvfb-run")), reason="needs freecad and xvfb-run"
-)
+pytestmark = needs_window
 
 
 @pytest.fixture
 def python():
-    try:
-        return job.worker_python()
-    except SetupError as missing:
-        pytest.skip(missing.line)
-
-
-def play(scenario, folder, ask=False, **variables):
-    """Run a scenario in FreeCAD's window and return its answer.
-
-    ``ask`` is the preference that shows the midstructure first.
-    """
-    home = folder / "home"
-    (home / "Mod").mkdir(parents=True)
-    (home / "Mod" / "HybridVolume").symlink_to(TESTS.parent, target_is_directory=True)
-    (home / "user.cfg").write_text(SETTINGS.format(ask=int(ask)))
-    answer = folder / "answer.json"
-    environment = {
-        **os.environ,
-        "FREECAD_USER_HOME": str(home),
-        "QTWEBENGINE_DISABLE_SANDBOX": "1",
-        "TMPDIR": str(folder),
-        "HYBRIDVOLUME_TESTS": str(TESTS),
-        "HYBRIDVOLUME_SCENARIO": scenario,
-        "HYBRIDVOLUME_ANSWER": str(answer),
-        **variables,
-    }
-    environment.pop("PYTHONPATH", None)
-    command = ["xvfb-run", "-a", "-s", SCREEN, "freecad", str(TESTS / "gui_bootstrap.py")]
-    run = subprocess.run(
-        command,
-        env={key: value for key, value in environment.items() if value is not None},
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        errors="replace",
-        timeout=240,
-    )
-    assert answer.is_file(), run.stdout[-3000:] + run.stderr[-3000:]
-    found = json.loads(answer.read_text())
-    assert found.get("finished"), found.get("traceback")
-    return found
+    return worker_python()
 
 
 PARTS = ["Midstructure", "Shell", "Core", "FemMesh"]
@@ -91,7 +30,7 @@ LOOKS = {
 
 
 def test_complete_a_box(tmp_path, python):
-    found = play("complete_a_box", tmp_path, HYBRIDVOLUME_PYTHON=python)
+    found = play("gui_scenarios.complete_a_box", tmp_path, HYBRIDVOLUME_PYTHON=python)
     assert "HybridVolumeWorkbench" in found["workbenches"]
     assert found["toolbar"] == ["HybridVolume_Create"]
     assert not found["active without selection"] and found["active with a body"]
@@ -125,7 +64,7 @@ def test_complete_a_box(tmp_path, python):
 
 
 def test_stopped_on_the_way(tmp_path, python):
-    found = play("stop_on_the_way", tmp_path, HYBRIDVOLUME_PYTHON=python)
+    found = play("gui_scenarios.stop_on_the_way", tmp_path, HYBRIDVOLUME_PYTHON=python)
     assert found["cancelled"] == {
         "stage": "Cancelled",
         "same": True,
@@ -163,7 +102,7 @@ def test_first_use_without_an_environment(tmp_path, python):
     stub.write_text(STUB.format(folder=tmp_path / "environment", python=python))
     stub.chmod(0o755)
     found = play(
-        "without_environment",
+        "gui_scenarios.without_environment",
         tmp_path,
         HYBRIDVOLUME_PYTHON=None,
         HYBRIDVOLUME_ENVIRONMENT=str(tmp_path / "environment"),
@@ -189,11 +128,10 @@ def test_a_document_made_without_a_window(tmp_path):
     doc.recompute()
     document.save_new([document.Prepared(completed(box, tmp_path))], tmp_path / "made.FCStd")
     FreeCAD.closeDocument(doc.Name)
-    found = play("open_a_document", tmp_path, HYBRIDVOLUME_DOCUMENT=str(tmp_path / "made.FCStd"))
+    found = play(
+        "gui_scenarios.open_a_document",
+        tmp_path,
+        HYBRIDVOLUME_DOCUMENT=str(tmp_path / "made.FCStd"),
+    )
     looks = {"Body" if name == "Box" else name: shown for name, shown in LOOKS.items()}
     assert found["visible"] == looks and found["red"] > 0.1
-
-
-if __name__ == "__main__":
-    # Looking at a scenario: python tests/test_gui_workbench.py SCENARIO FOLDER
-    print(json.dumps(play(sys.argv[1], Path(sys.argv[2])), indent=1))

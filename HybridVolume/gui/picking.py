@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -16,6 +17,10 @@ from .sheets_view import SheetsScene, sheet_name, sheet_number
 
 NOWHERE = (0.0, 0.0, 0.0)
 """The point of a selection that was not made by the mouse."""
+
+
+BOX_SAMPLES = 50
+"""Facets of a sheet that say whether it lies in a box on the screen, about."""
 
 
 class _Colours:
@@ -118,12 +123,14 @@ class SheetPicking:
         self.anything = False
         """Whether other objects can be selected as well."""
         self._gate = _Gate(self)
+        self._clicks = _Clicks(self._place[0], self._click)
         FreeCADGui.Selection.clearSelection()
         FreeCADGui.Selection.addSelectionGate(self._gate)
         FreeCADGui.Selection.addObserver(self)
 
     def close(self) -> None:
         """Remove gate and observer; sheets are no longer selected."""
+        self._clicks.close()
         FreeCADGui.Selection.removeSelectionGate()
         FreeCADGui.Selection.removeObserver(self)
         FreeCADGui.Selection.clearSelection()
@@ -136,19 +143,16 @@ class SheetPicking:
     # What FreeCAD tells an observer.
 
     def addSelection(self, document: str, name: str, sub: str, point: Any) -> None:
-        number = sheet_number(sub)
-        if (document, name) != self._place or number is None:
-            return
+        # a plain click selects as well, for FreeCAD; it is told by _click, which ends that
         control = QtGui.QApplication.keyboardModifiers() & QtCore.Qt.ControlModifier
         if tuple(point) == NOWHERE or control:
             self._selected()
-            return
-        # Later: FreeCAD is still busy with its selection.
-        QtCore.QTimer.singleShot(0, lambda: self._click(number))
 
-    def _click(self, number: int) -> None:
-        FreeCADGui.Selection.clearSelection()
-        self._clicked(number)
+    def _click(self, name: str, sub: str) -> None:
+        number = sheet_number(sub)
+        if name == self._place[1] and number is not None:
+            FreeCADGui.Selection.clearSelection()
+            self._clicked(number)
 
     def removeSelection(self, document: str, name: str, sub: str) -> None:
         self._selected()
@@ -175,6 +179,64 @@ class _Gate:
 
     def allow(self, document: Any, obj: Any, sub: str) -> bool:
         return obj is None or self._picking.allows(document.Name, obj.Name, sub or "")
+
+
+class _Clicks(QtCore.QObject):
+    """Plain clicks in the 3D views of a document.
+
+    FreeCAD tells a selection only where it changes, not a click on what is selected already.
+
+    Parameters
+    ----------
+    document : str
+    clicked : callable(name, sub)
+        Object and sub-element below the mouse.
+    """
+
+    FAR = 4
+    """Pixels: a mouse that moves so far between press and release does not click."""
+
+    def __init__(self, document: str, clicked: Callable[[str, str], None]) -> None:
+        super().__init__()
+        self._document = document
+        self._clicked = clicked
+        self._start: QtCore.QPoint | None = None
+        windows = FreeCADGui.getMainWindow().findChild(QtGui.QMdiArea)
+        self._viewports = [view.viewport() for view in windows.findChildren(QtGui.QGraphicsView)]
+        for viewport in self._viewports:
+            viewport.installEventFilter(self)
+
+    def close(self) -> None:
+        """Stop listening."""
+        for viewport in self._viewports:
+            with contextlib.suppress(RuntimeError):  # closed with its window
+                viewport.removeEventFilter(self)
+        self._viewports = []
+
+    def eventFilter(self, watched: Any, event: Any) -> bool:
+        """Look at the mouse's events; the view gets them all the same."""
+        kind = event.type()
+        if kind == QtCore.QEvent.MouseButtonPress:
+            plain = event.button() == QtCore.Qt.LeftButton and not event.modifiers()
+            self._start = event.pos() if plain else None
+        elif kind == QtCore.QEvent.MouseButtonRelease and self._start is not None:
+            start, self._start = self._start, None
+            if (event.pos() - start).manhattanLength() < self.FAR and not event.modifiers():
+                ratio = watched.devicePixelRatio()
+                place = (
+                    int(ratio * event.pos().x()),
+                    int(ratio * (watched.height() - 1 - event.pos().y())),
+                )
+                # Later: FreeCAD selects first.
+                QtCore.QTimer.singleShot(0, lambda: self._tell(place))
+        return False
+
+    def _tell(self, place: tuple[int, int]) -> None:
+        active = FreeCADGui.activeDocument()
+        if self._viewports and active is not None and active.Document.Name == self._document:
+            below = active.activeView().getObjectInfo(place)
+            if below:
+                self._clicked(below.get("Object", ""), below.get("Component", ""))
 
 
 class BoxSelection(QtCore.QObject):
@@ -243,7 +305,7 @@ class BoxSelection(QtCore.QObject):
 
 def _viewport(view: Any) -> Any:
     """The widget that a 3D view is drawn on."""
-    window = FreeCADGui.getMainWindow().findChild(QtGui.QMdiArea).activeSubWindow()
+    window = FreeCADGui.getMainWindow().findChild(QtGui.QMdiArea).currentSubWindow()
     return window.findChild(QtGui.QGraphicsView).viewport()
 
 
@@ -262,15 +324,16 @@ def sheets_in_box(
     box : (x0, y0, x1, y1)
         Pixels from the lower left corner.
     """
-    used = np.unique(facets)
-    # the projection is FreeCAD's own; every corner of large sheets is not needed
-    some = used[:: max(1, len(used) // 4000)]
-    place = np.full((len(points), 2), np.nan)
-    place[some] = [view.getPointOnScreen(FreeCAD.Vector(*p)) for p in points[some].tolist()]
-    x, y = place[facets.ravel()].T
-    known = ~np.isnan(x)
-    inside = known & (x >= box[0]) & (x <= box[2]) & (y >= box[1]) & (y <= box[3])
-    owner = np.repeat(sheet, 3)
+    # the projection is FreeCAD's own, point by point: some facets of each sheet must do
+    order = np.argsort(sheet, kind="stable")
+    first = np.searchsorted(sheet[order], sheet[order])
+    stride = np.maximum(np.bincount(sheet)[sheet[order]] // BOX_SAMPLES, 1)
+    some = order[(np.arange(len(order)) - first) % stride == 0]
+    middle = points[facets[some]].mean(axis=1)
+    place = np.array([view.getPointOnScreen(FreeCAD.Vector(*p)) for p in middle.tolist()])
+    x, y = place.reshape(-1, 2).T
+    inside = (x >= box[0]) & (x <= box[2]) & (y >= box[1]) & (y <= box[3])
     count = int(sheet.max()) + 1 if len(sheet) else 0
-    share = np.bincount(owner, inside, count) / np.maximum(np.bincount(owner, known, count), 1)
+    owner = sheet[some]
+    share = np.bincount(owner, inside, count) / np.maximum(np.bincount(owner, minlength=count), 1)
     return np.flatnonzero(share > 0.5).tolist()

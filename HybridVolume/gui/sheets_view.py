@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 REMOVED_COLOUR = (0.90, 0.92, 0.96)
 REMOVED_TRANSPARENCY = 0.88
-OUTLINE_TRANSPARENCY = 0.35
+OUTLINE_TRANSPARENCY = 0.50
 MARKED_TRANSPARENCY = 0.45
 SLIGHT = 0.004
 """Share of the whole area below which a removed sheet is not drawn; the table still has it."""
@@ -57,6 +57,8 @@ class SheetsScene:
     Attributes
     ----------
     root : SoSeparator
+    sheets : list
+        One a sheet of the midstructure; ``any_kept`` tells whether it is drawn in colour.
     """
 
     def __init__(self) -> None:
@@ -81,7 +83,7 @@ class SheetsScene:
         self.root.addChild(self._clip)
         self.root.addChild(self._all)
         self._source: Midstructure | None = None
-        self._sheets: list[_SheetNodes] = []
+        self.sheets: list[_SheetNodes] = []
         self._marked: frozenset[int] = frozenset()
         self._hovered: int | None = None
 
@@ -94,7 +96,7 @@ class SheetsScene:
         if last is None or last.facets is not midstructure.facets:
             self._build(midstructure)
         self._source = midstructure
-        for nodes in self._sheets:
+        for nodes in self.sheets:
             nodes.show(midstructure.kept)
 
     def mark(self, numbers: frozenset[int]) -> None:
@@ -135,9 +137,9 @@ class SheetsScene:
     def extend_path(self, name: str, path: Any) -> bool:
         """Append the nodes that lead from the root to a sheet to a path (SoPath)."""
         number = sheet_number(name)
-        if number is None or number >= len(self._sheets):
+        if number is None or number >= len(self.sheets):
             return False
-        sheet = self._sheets[number]
+        sheet = self.sheets[number]
         in_colour = (self._kept, sheet.kept)
         for node in (
             *(self.root, self._all),
@@ -147,7 +149,7 @@ class SheetsScene:
         return True
 
     def _clear(self) -> None:
-        self._source, self._sheets = None, []
+        self._source, self.sheets = None, []
         self._kept.removeAllChildren()
         self._removed.removeAllChildren()
 
@@ -164,17 +166,17 @@ class SheetsScene:
             mine = order[bounds[number] : bounds[number + 1]]
             nodes = _SheetNodes(number, mine, facets[mine], corner_normals[mine])
             nodes.slight = sheet.area < slight
-            self._sheets.append(nodes)
+            self.sheets.append(nodes)
             self._kept.addChild(nodes.kept)
             self._removed.addChild(nodes.removed)
-        self._colour(range(len(self._sheets)))
+        self._colour(range(len(self.sheets)))
 
     def _colour(self, numbers: Any) -> None:
         for number in numbers:
-            if number < len(self._sheets):
+            if number < len(self.sheets):
                 hovered, marked = number == self._hovered, number in self._marked
                 colour = _preferred_colour(hovered) if hovered or marked else None
-                self._sheets[number].colour(colour)
+                self.sheets[number].colour(colour)
 
 
 class _SheetNodes:

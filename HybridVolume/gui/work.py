@@ -64,6 +64,7 @@ def read_bodies(source: Any) -> tuple[str, list[sources.Body]]:
 def is_deleted(obj: Any) -> bool:
     """Whether a document object is gone, or its document."""
     try:
-        return obj.Document is None or obj.Document.getObject(obj.Name) is None
-    except ReferenceError:
+        doc, name = obj.Document, obj.Name
+    except (ReferenceError, RuntimeError):
         return True
+    return doc is None or not name or doc.getObject(name) is None
