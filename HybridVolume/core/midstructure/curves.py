@@ -16,6 +16,8 @@ from .remesh import Remesher
 SHARP = 50.0
 # How far along the curve the turning is looked for, in wanted lengths.
 REACH = 1.5
+# Edges along the curve that are looked at for it.
+MOST = 60
 # Steps of smoothing along curves, forward and back, which keep length and area (Taubin 1995).
 STEPS = 8
 FORWARD, BACK = 0.5, -0.53
@@ -29,19 +31,17 @@ def corners(mesh: Remesher) -> np.ndarray:
     if not len(line):
         return result
     aim = []
+    start, reach = mesh.x[line], REACH * mesh.h[line]
     for side in (0, 1):
         before, here = line.copy(), neighbours[line, side]
-        way = np.linalg.norm(mesh.x[here] - mesh.x[before], axis=1)
-        for _ in range(12):
-            go = (way < REACH * mesh.h[line]) & (neighbours[here, 0] >= 0)
+        for _ in range(MOST):
+            go = (np.linalg.norm(mesh.x[here] - start, axis=1) < reach) & (neighbours[here, 0] >= 0)
             if not go.any():
                 break
             pair = neighbours[here]
             following = np.where(pair[:, 0] == before, pair[:, 1], pair[:, 0])
-            step = np.linalg.norm(mesh.x[following] - mesh.x[here], axis=1)
             before, here = np.where(go, here, before), np.where(go, following, here)
-            way = np.where(go, way + step, way)
-        aim.append(mesh.x[here] - mesh.x[line])
+        aim.append(mesh.x[here] - start)
     one, two = aim
     cosine = -np.einsum("ki,ki->k", one, two)
     cosine /= np.maximum(np.linalg.norm(one, axis=1) * np.linalg.norm(two, axis=1), 1e-300)

@@ -201,17 +201,19 @@ class _Source:
             return Remesher(x[:0], t, self.sheet, self.size, self.h[:0])
         mesh = Remesher(x, t, self.sheet, self.size, self.h)
         edges, curve, degree = mesh.edges()
-        kind = np.where(degree == 0, 2, np.where(degree == 2, 1, 0))
+        kind = np.where(degree == 0, 3, np.where(degree == 2, 2, 1))
+        kind[corners(mesh)] = 0
         # several passes: rank rims and seams first
         spacing = DETAIL * self.h
         points = self._thinned(kind, spacing)
-        chosen = points[spread(x[points], spacing[points], np.minimum(kind[points], 1))]
+        chosen = points[spread(x[points], spacing[points], kind[points])]
         label = np.zeros(n, dtype=np.int64)
         label[self.used] = cKDTree(x[chosen]).query(x[self.used])[1]
-        on = self.used[kind[self.used] < 2]
-        mine = np.flatnonzero(kind[chosen] < 2)
+        on = self.used[kind[self.used] < 3]
+        mine = np.flatnonzero(kind[chosen] < 3)
         if len(on):
             label[on] = mine[cKDTree(x[chosen[mine]]).query(x[on])[1]]
+        mesh.fixed = kind == 0
         mesh.merge(chosen[label])
         return mesh
 
@@ -258,7 +260,6 @@ def _even(mesh: Remesher, source: _Source) -> None:
     """Triangles of even size."""
     mesh.relax(source.back)
     mesh.unfold(FOLD)
-    mesh.fixed = corners(mesh)
     curves = smooth_curves(mesh, source.back)
     back_to_curve = (lambda points: curves.closest(points)[0]) if len(curves) else source.back
     mesh.collapse()
