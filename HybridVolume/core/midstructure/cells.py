@@ -25,8 +25,10 @@ SPECK = 1e-3
 OPPOSITE = 125.0
 # A cell is a ridge when no neighbour within its radius is larger than by this factor.
 RIDGE = 1.12
+# Nor by this much for its distance; the sheet of a convex right angle rises by 0.7.
+SLOPE = 0.3
 # Side of the cubes in which balls are looked for, in radii.
-CUBE = 0.12
+CUBE = 0.16
 # Four whole numbers as one, which wraps around.
 HASH = np.array([0x9E3779B97F4A7C1, 0xC2B2AE3D27D4EB4, 0x165667B19E3779F, 0x27D4EB2F165667C])
 
@@ -141,10 +143,13 @@ class Cells:
         count = np.array([len(a) for a in around])
         flat = np.concatenate([np.asarray(a, dtype=int) for a in around])
         start = np.concatenate([[0], np.cumsum(count)[:-1]])
+        away = np.linalg.norm(centre[flat] - np.repeat(centre[asked], count, axis=0), axis=1)
+        # a tapered bar has its ridge all along
+        larger = np.minimum(radius[flat] / RIDGE, radius[flat] - SLOPE * away)
         summit = np.zeros(len(first))
-        summit[asked] = np.maximum.reduceat(radius[flat], start)
+        summit[asked] = np.maximum.reduceat(larger, start)
         result = np.zeros(len(self.candidate), dtype=bool)
-        result[some[RIDGE * self.radius[some] > summit[label[some]]]] = True
+        result[some[self.radius[some] >= summit[label[some]]]] = True
         return result
 
     def parts(self) -> np.ndarray:

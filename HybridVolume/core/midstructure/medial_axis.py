@@ -58,7 +58,8 @@ def medial_axis(surface: PatchSurface, samples: int = 0, *, seed: int = 0) -> Mi
     cells = Cells(interior_facets(drawn, 0.7 * NOISE_ANGLE, seed), drawn, groups)
     if not cells.candidate.any():
         raise FaultError("no inner Voronoi facet was found", remedy="use more samples")
-    places = dict(zip(PROBES, probes(surface, samples=drawn), strict=True))
+    found = probes(surface, samples=drawn, group=groups.of_patch)
+    places = dict(zip(PROBES, found, strict=True))
     result = replace(_build(surface, cells), **places).choose()
     if not result.kept.any():
         raise FaultError("the medial axis is empty", remedy="use more samples")

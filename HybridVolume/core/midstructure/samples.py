@@ -148,7 +148,10 @@ def _refined(
 
 
 def probes(
-    surface: PatchSurface, count: int = 2000, samples: Samples | None = None
+    surface: PatchSurface,
+    count: int = 2000,
+    samples: Samples | None = None,
+    group: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Places spread over the surface, and how thick the body is there.
 
@@ -159,6 +162,8 @@ def probes(
         Number of places; denser where the body is thin.
     samples : Samples, optional
         Of the surface, if there are any yet.
+    group : (np,) int array, optional
+        Smooth group of every patch.
 
     Returns
     -------
@@ -169,7 +174,7 @@ def probes(
         that touches it, not shrunk by a convex edge beside it.
     patch : (s,) int array
     """
-    group = smooth_groups(surface).of_patch
+    group = smooth_groups(surface).of_patch if group is None else group
     samples = samples or sample_surface(surface, 0, group)
     # between even by number and even by area
     weight = np.cumsum(samples.spacing)

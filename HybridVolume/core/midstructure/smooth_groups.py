@@ -11,6 +11,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ..surface import PatchSurface
+from .points import evaluate_points
 
 POINTS = 17
 
@@ -47,18 +48,16 @@ def smooth_groups(surface: PatchSurface, angle: float = 15.0) -> SmoothGroups:
     """Unite patches whose normals jump by less than ``angle`` degrees along their whole side."""
     t = np.linspace(0.0, 1.0, POINTS)
     count = len(surface.patches)
-    points = np.empty((count, 4, POINTS, 3))
-    normals = np.empty_like(points)
-    inward = np.empty_like(points)
-    for k in range(count):
-        uv = np.array([_side_parameters(side, t) for side in range(4)])
-        x, x_u, x_v = surface.evaluate(k, uv[:, 0].ravel(), uv[:, 1].ravel(), derivative=1)
-        points[k] = x.reshape(4, POINTS, 3)
-        normals[k] = np.cross(x_u, x_v).reshape(4, POINTS, 3)
-        across = [x_u, x_u, x_v, x_v]
-        for side in range(4):
-            rows = slice(side * POINTS, (side + 1) * POINTS)
-            inward[k, side] = across[side][rows] * (1.0 if side % 2 == 0 else -1.0)
+    sides = np.concatenate([np.column_stack(_side_parameters(side, t)) for side in range(4)])
+    x, x_u, x_v = evaluate_points(
+        surface, np.repeat(np.arange(count), len(sides)), np.tile(sides, (count, 1))
+    )
+    shape = (count, 4, POINTS, 3)
+    points = x.reshape(shape)
+    normals = np.cross(x_u, x_v).reshape(shape)
+    inward = np.empty(shape)
+    for side, across in enumerate((x_u, x_u, x_v, x_v)):
+        inward[:, side] = across.reshape(shape)[:, side] * (1.0 if side % 2 == 0 else -1.0)
     for field in (normals, inward):
         field /= np.maximum(np.linalg.norm(field, axis=-1, keepdims=True), np.finfo(float).tiny)
 
