@@ -28,7 +28,7 @@ from .levels import Spacing, spaced_layers, uniform_layers
 from .shell import Shell
 from .surface import PatchSurface
 from .untangle import ColumnEnergy, elements_with, optimise, points_of
-from .validity import Certificate, certify
+from .validity import Certificate, certify, scaled_jacobian
 
 logger = logging.getLogger(__name__)
 
@@ -36,6 +36,10 @@ FIDELITIES = (3.0, 10.0, 30.0, 100.0)
 """Weights of the isosurface term, one after the other until the level is reached."""
 CLOSE = 0.05
 """Root mean square distance from the level, as a share of it, that is near enough."""
+SHAPELY = 0.1
+"""Scaled Jacobian from which on an element's shape does not count against the level."""
+FLAT = 0.2
+"""Share of the level that is worth giving up for elements that are not flat."""
 RELAX = 1.7
 """Factor by which a level that a repair lowered may rise again in the next step."""
 THIN_STARTS = (0.5, 0.35, 0.25, 0.15, 0.1, 0.05, 0.025, 0.01)
@@ -250,7 +254,8 @@ class _Grower:
         else:
             first = self.settle(front, target, 0.1 * FIDELITIES[0])
         self.report(0.4, f"repaired, w = {first.mean:.3g}")
-        best, polished = (first if first.accepted else None), False
+        best = first if first.accepted else None
+        misses = 0
         for number, fidelity in enumerate(FIDELITIES):
             # what only improves an accepted state is not worth many repairs
             repairs = REPAIRS if best is None else 1
@@ -258,16 +263,24 @@ class _Grower:
             if best is not None and not state.accepted:
                 state = self.merged(best, state)
             self.report(0.5 + 0.1 * number, f"elements optimised, w = {state.mean:.3g}")
-            # the first optimised state counts for its quality, whatever its level; where it fails
-            # a stronger pull may hold the shell nearer to the front, which was sound
-            gained = not polished or best is None or state.off(level) < 0.95 * best.off(level)
-            if state.accepted and gained:
-                best, polished = state, True
-            elif best is not None and number:
-                break
-            if polished and best.off(level) < CLOSE:
+            # where an optimised state is worse, a stronger pull may hold the shell nearer
+            if state.accepted and (
+                best is None or self.fault(state, level) < self.fault(best, level)
+            ):
+                best, misses = state, 0
+            else:
+                misses += 1
+            close = best is not None and (
+                best.off(level) < 0.5 * CLOSE or self.fault(best, level) < CLOSE
+            )
+            if close or (best is not None and misses > 1):
                 break
         return best
+
+    def fault(self, state: _State, level: float) -> float:
+        """How far an accepted state is from the level, flat elements counted as well."""
+        flattest = float(scaled_jacobian(self.shell(state.d).bezier_elements()).min())
+        return state.off(level) + FLAT * max(0.0, 1.0 - flattest / SHAPELY)
 
     def thin_start(self) -> tuple[_State | None, _State]:
         """The thickest of the thin straight shells that is proved, and the last one tried."""
