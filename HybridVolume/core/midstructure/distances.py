@@ -215,7 +215,7 @@ class SurfaceDistance:
         """Distance of (n, 3) points to the surface, (n,), mm, not signed."""
         return self.nearest(points).distance
 
-    def nearest(self, points: np.ndarray, candidates: int = 4) -> Feet:
+    def nearest(self, points: np.ndarray, candidates: int = 3) -> Feet:
         """The feet of points on the surface.
 
         Parameters
@@ -230,9 +230,11 @@ class SurfaceDistance:
         Feet
         """
         points = np.asarray(points, dtype=float).reshape(-1, 3) - self.origin
+        if not len(points):
+            none = np.zeros(0, dtype=int)
+            return Feet(np.zeros(0), points, none, np.zeros((0, 2)), none)
         parts = [
-            self._nearest(points[k : k + _CHUNK], candidates)
-            for k in range(0, max(len(points), 1), _CHUNK)
+            self._nearest(points[k : k + _CHUNK], candidates) for k in range(0, len(points), _CHUNK)
         ]
         distance, x, patch, uv, sample = (
             np.concatenate(column) for column in zip(*parts, strict=True)
@@ -241,7 +243,7 @@ class SurfaceDistance:
 
     def _nearest(self, points: np.ndarray, candidates: int) -> tuple[np.ndarray, ...]:
         n = len(points)
-        near = min(4 * candidates, len(self._points))
+        near = min(3 * candidates, len(self._points))
         far, index = self._tree.query(points, k=near)
         far, index = far.reshape(n, -1), index.reshape(n, -1)
         element = self._number[index]

@@ -14,8 +14,8 @@ from scipy.spatial import cKDTree
 from ...errors import InputError
 from ..intersection import surfaces_intersect
 from ..surface import PatchSurface
+from .assembled import connected_facets, facet_dimensions, facet_measures, from_pieces
 from .distances import SurfaceDistance
-from .pieces import connected_facets, facet_dimensions, facet_measures, from_pieces
 from .sheets import Midstructure
 
 log = logging.getLogger(__name__)
