@@ -322,6 +322,30 @@ def test_several_bodies_one_refused(place, python):
         FreeCAD.closeDocument(doc.Name)
 
 
+def test_a_file_with_the_midstructure(place, python):
+    write_step(box(), place / "box.step")
+    plane = Part.makePlane(1.8, 0.8, FreeCAD.Vector(0.6, 0.6, 0.5))
+    write_step(plane, place / "plane.step")
+    options = ("--midstructure", "plane.step", "--order", "1", "--layers", "1")
+    answer = run(place, "box.step", *options)
+    assert answer.returncode == 0, answer.stderr
+    found = json.loads((place / "box" / "report.json").read_text())
+    assert found["midstructure"]["method"] == found["midstructure"]["asked"] == "own"
+    assert found["midstructure"]["area"] == pytest.approx(1.44, rel=1e-9)
+    assert found["shell"]["valid"] == found["shell"]["elements"] > 0
+    doc = FreeCAD.openDocument(str(place / "box" / "box.FCStd"), hidden=True)
+    try:
+        (geometry,) = doc.Midstructure.Geometry
+        assert geometry.Shape.Area == pytest.approx(1.44)
+        doc.recompute(None, True)
+        assert doc.HybridVolume.Status == doc.Midstructure.Status == "Up to date"
+        geometry.Placement.Base = FreeCAD.Vector(0.1, 0, 0)
+        doc.recompute()
+        assert doc.HybridVolume.Status == "Out of date: Midstructure.Geometry changed"
+    finally:
+        FreeCAD.closeDocument(doc.Name)
+
+
 def test_a_decision_without_a_sheet_names_the_sheets(place, python):
     write_step(box(), place / "box.step")
     answer = run(place, "box.step", "--samples", "3000", "--keep-only", "Face5+Face5")

@@ -218,8 +218,10 @@ def test_every_decision_is_one_step_of_undo(doc, mid):
     assert state(obj) == states[-1]
 
 
-def test_nothing_kept_is_said(mid):
+def test_nothing_kept_is_said(volume, mid):
+    volumes.set_status(volume, "Failed: no valid shell")
     mid.remove("Sheet1")
+    assert volume.Status == "Not computed"
     assert mid.object.Status == "Nothing is kept: keep a sheet"
     mid.invert()
     assert all(mid.object.Kept)

@@ -20,7 +20,7 @@ from HybridVolume.sources import read_object
 
 from . import midstructure as objects
 from .properties import transaction
-from .volume import current_parameters, options_of, update_status
+from .volume import NOT_COMPUTED, current_parameters, options_of, set_status, update_status
 
 if TYPE_CHECKING:
     from HybridVolume.core.midstructure import Midstructure
@@ -376,6 +376,9 @@ class Editor:
             objects.update_choice(self.object, strict=True)
             volume = objects.volume_of(self.object)
             if volume is not None:
+                if not volume.Result:
+                    # why a computation failed may be what was changed just now
+                    set_status(volume, NOT_COMPUTED)
                 update_status(volume)
             self.object.purgeTouched()
 
