@@ -222,7 +222,7 @@ class Editor:
             matched = set(self._about(found, [decision]))
             if decision.action == "only" or not matched or not matched <= about:
                 kept.append(str(decision))
-        return [*kept, *(text for text in map(str, new) if text not in kept)]
+        return [*kept, *(text for text in dict.fromkeys(map(str, new)) if text not in kept)]
 
     def _write(self, title: str, decisions: list[str]) -> None:
         with self._step(title):
