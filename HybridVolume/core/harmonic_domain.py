@@ -22,6 +22,7 @@ from .adaptive_triangulation import (
 )
 from .intersection import self_intersections
 from .midstructure import Midstructure
+from .midstructure.pieces import in_pieces
 from .midstructure.resample import Complex, resample, spread
 from .surface import PatchSurface
 from .tetmesh import CONFORMING, TetMesh, available_engines, fill
@@ -76,6 +77,8 @@ def build_domain(
     kept = midstructure.facets[midstructure.kept]
     if not len(kept):
         raise FaultError("no facet of the midstructure is kept", remedy="keep at least one sheet")
+    coarse = surface.triangulation(4)
+    midstructure = in_pieces(midstructure, (coarse.vertices, coarse.triangles))
     engines = [engine]
     if engine == "auto":
         engines = [name for name in available_engines(free=free) if name in CONFORMING]
@@ -156,9 +159,8 @@ class _Size:
 
     @classmethod
     def fitted(cls, surface: PatchSurface, midstructure: Midstructure, tets: int) -> _Size:
-        """Sizes that give about so many tetrahedra."""
-        used = np.unique(midstructure.facets[midstructure.kept])
-        middle = cKDTree(midstructure.vertices[used])
+        """Sizes that give about so many tetrahedra, for a midstructure in pieces."""
+        middle = cKDTree(midstructure.vertices)
         coarse = surface.triangulation(2)
         x = coarse.vertices[coarse.triangles]
         area = 0.5 * np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
@@ -171,7 +173,9 @@ class _Size:
                 break
             share *= 1.1
         on_sheets = 0.5 * share * (40_000 / tets) ** (1.0 / 3.0)
-        return cls(middle, share, 0.5 * share * float(distance.min()), largest, on_sheets)
+        # a midstructure may come down to the surface
+        smallest = max(0.5 * share * float(distance.min()), 0.02 * largest)
+        return cls(middle, share, min(smallest, largest), largest, on_sheets)
 
     def on_surface(self, points: np.ndarray) -> np.ndarray:
         """Wanted edge lengths, mm, at (k, 3) points of the surface."""
@@ -218,12 +222,11 @@ def _by_distance(
     engine: str,
     options: dict,
 ) -> Domain:
-    """The domain without facets: w = 1 within a share of the radius around the kept facets.
+    """The domain without facets: w = 1 within a share of the radius around the kept vertices.
 
     ``engine`` may be ``"none"``: the tetrahedra are carved out of a Delaunay triangulation.
     """
-    used = np.unique(midstructure.facets[midstructure.kept])
-    points, radius = midstructure.vertices[used], midstructure.radius[used]
+    points, radius = midstructure.vertices, midstructure.radius
     pick = spread(points, BALL * radius)
     rest = Complex(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), points[pick], radius[pick])
     mesh = None
@@ -267,7 +270,7 @@ def _finish(
 
         def size(points: np.ndarray) -> np.ndarray:
             distance, nearest = tree.query(points)
-            return np.maximum(1.2 * radius[nearest], 0.8 * (distance - radius[nearest]))
+            return np.maximum(0.8 * radius[nearest], 0.8 * (distance - radius[nearest]))
 
         mesh, facets = refine(mesh, size, facets, max_tets=max(2 * tets, len(mesh)))
     mesh, facets = separate_boundary(mesh, facets)

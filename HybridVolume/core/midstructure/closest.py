@@ -83,6 +83,8 @@ class Carrier:
 
     def closest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Closest points (k, 3), and the facets that they lie on, (k,)."""
+        if not len(points):
+            return np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
         number = min(_NEAREST, len(self.facet))
         found = self.facet[self.tree.query(points, k=number)[1].reshape(len(points), number)]
         near = on_triangles(np.repeat(points, number, axis=0), self.corners[found.ravel()])

@@ -1,147 +1,100 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""Midstructures other than the medial axis: facets of which all are kept, in pieces."""
+"""Kept facets in pieces that are small beside their distance to the surface."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
-from ..surface import PatchSurface
-from .distances import SurfaceDistance
-from .samples import probes
-from .sheets import Midstructure, Sheet
+from .closest import Carrier
+from .conform import conform
+from .remesh import Remesher
+from .sheets import Midstructure
 
-
-def facet_dimensions(facets: np.ndarray) -> np.ndarray:
-    """2 for triangles, 1 for lines (a, b, b), 0 for points (a, a, a), (f,)."""
-    a, b, c = facets.T
-    return (a != b).astype(int) + ((c != a) & (c != b))
-
-
-def facet_measures(vertices: np.ndarray, facets: np.ndarray) -> np.ndarray:
-    """Area of triangles, length of lines, 1 for points, (f,)."""
-    x = vertices[facets]
-    area = 0.5 * np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
-    length = np.linalg.norm(x[:, 1] - x[:, 0], axis=1)
-    dimension = facet_dimensions(facets)
-    return np.where(dimension == 2, area, np.where(dimension == 1, length, 1.0))
+# Longest pieces of lines, and longest edges of triangles, in units of the distance to the surface.
+LINE, EDGE = 0.25, 0.6
+# Smallest distance that counts for triangles, in units of the largest.
+LEAST = 0.05
+# Pieces of one line at most.
+MOST = 1000
 
 
-def connected_facets(facets: np.ndarray, count: int) -> np.ndarray:
-    """Number of the piece that each facet belongs to: equal dimension, joined by vertices, (f,)."""
-    dimension = facet_dimensions(facets)
-    # three copies of every vertex keep triangles, lines and points apart
-    nodes = facets + count * dimension[:, None]
-    graph = coo_matrix(
-        (np.ones(2 * len(facets)), (np.repeat(nodes[:, 0], 2), nodes[:, 1:].ravel())),
-        shape=(3 * count, 3 * count),
-    )
-    _, label = connected_components(graph, directed=False)
-    return np.unique(label[nodes[:, 0]], return_inverse=True)[1].ravel()
+def in_pieces(midstructure: Midstructure, boundary: tuple[np.ndarray, np.ndarray]) -> Midstructure:
+    """The kept facets alone, cut where they cross and where they are large.
 
-
-def from_pieces(
-    surface: PatchSurface,
-    distance: SurfaceDistance,
-    vertices: np.ndarray,
-    facets: np.ndarray,
-    piece: np.ndarray,
-    method: str,
-    reason: str,
-) -> Midstructure:
-    """A midstructure whose sheets are given pieces, all of them kept.
+    A user's rectangle may be two triangles, and a user's wire one line: their corners say nothing
+    about the distance to the surface in between.
 
     Parameters
     ----------
-    surface : PatchSurface
-    distance : SurfaceDistance
-    vertices : (m, 3) array
-        mm.
-    facets : (f, 3) int array
-        Triangles, lines (a, b, b), points (a, a, a).
-    piece : (f,) int array
-    method, reason : str
+    midstructure : Midstructure
+    boundary : (vertices (n, 3), triangles (t, 3))
+        The surface, to measure distances to, mm.
 
     Returns
     -------
     Midstructure
-        The sheets with the largest area come first, then the longest lines, then points.
+        All of it kept. Points are still (a, a, a) and lines (a, b, b).
     """
-    dimension, measure = facet_dimensions(facets), facet_measures(vertices, facets)
-    count = int(piece.max()) + 1
-    of_piece = np.zeros(count, dtype=int)
-    of_piece[piece] = dimension
-    total = np.bincount(piece, measure, count)
-    rank = np.empty(count, dtype=int)
-    rank[np.lexsort([-total, -of_piece])] = np.arange(count)
-    sheet = rank[piece]
-    radius = distance(vertices)
-    area = np.where(dimension == 2, measure, 0.0)
-    middle = vertices[facets].mean(axis=1)
-    line = dimension == 1
-    middle[line] = vertices[facets[line, :2]].mean(axis=1)
-    order = np.argsort(sheet, kind="stable")
-    parts = np.split(order, np.searchsorted(sheet[order], np.arange(1, count)))
-    seeds = np.empty((count, 3))
-    for k, mine in enumerate(parts):
-        centre = np.average(middle[mine], axis=0, weights=measure[mine] + 1e-300)
-        seeds[k] = middle[mine[np.linalg.norm(middle[mine] - centre, axis=1).argmin()]]
-    names = [patch.face for patch in surface.patches]
-    feet = distance.nearest(seeds)
-    opposite, angle = _opposite_sides(distance, seeds, feet.points)
-    sheets = []
-    for k, mine in enumerate(parts):
-        around = radius[facets[mine]]
-        u, v = feet.uv[k]
-        sheets.append(
-            Sheet(
-                faces=(names[feet.patch[k]], names[opposite[k]]),
-                area=float(area[mine].sum()),
-                radius=(float(around.min()), float(around.max())),
-                angle=(float(angle[k]), float(angle[k])),
-                kept=True,
-                reason=reason,
-                seed=(float(seeds[k, 0]), float(seeds[k, 1]), float(seeds[k, 2])),
-                foot=(float(u), float(v)),
-            )
-        )
-    points, half, patch = probes(surface)
-    return Midstructure(
-        vertices=vertices,
-        facets=facets,
-        sheet=sheet,
-        kept=np.ones(len(facets), dtype=bool),
+    kept = midstructure.kept
+    used, facets = np.unique(midstructure.facets[kept], return_inverse=True)
+    facets, sheet = facets.reshape(-1, 3), midstructure.sheet[kept]
+    x, radius = midstructure.vertices[used], midstructure.radius[used]
+    outer = Carrier(boundary[0][boundary[1]], np.full(len(boundary[1]), np.inf))
+
+    def distance(points: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(outer.closest(points)[0] - points, axis=1)
+
+    flat = (facets == facets[:, [1, 2, 0]]).any(axis=1)
+    lines, line_sheet = np.sort(facets[flat], axis=1)[:, [0, 2]], sheet[flat]
+    facets, sheet = facets[~flat], sheet[~flat]
+    if midstructure.figures is None:
+        # the medial axis does not cross itself, but what a user draws may
+        x, facets, parent = conform(x, facets)
+        sheet = sheet[parent]
+        radius = np.append(radius, distance(x[len(radius) :]))
+    least = LEAST * float(radius.max(initial=0.0))
+    mesh = Remesher(
+        x, facets, sheet, lambda p: np.maximum(distance(p), least), np.maximum(radius, least)
+    )
+    mesh.split(EDGE)
+    x, radius = mesh.x, np.append(radius, distance(mesh.x[len(radius) :]))
+    x, radius, lines, parent = _divided(x, radius, lines, distance)
+    return replace(
+        midstructure,
+        vertices=x,
+        facets=np.vstack([mesh.t, lines[:, [0, 1, 1]]]),
+        sheet=np.append(mesh.sheet, line_sheet[parent]),
+        kept=np.ones(len(mesh.t) + len(lines), dtype=bool),
         radius=radius,
-        sheets=tuple(sheets),
-        method=method,
-        faces=tuple(names),
-        probe_points=points,
-        probe_radius=half,
-        probe_patch=patch,
     )
 
 
-def _opposite_sides(
-    distance: SurfaceDistance, points: np.ndarray, feet: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Patch nearest on the other side of each point than its foot, and the angle of both ways.
-
-    Returns
-    -------
-    patch : (n,) int array
-    angle : (n,) array
-        Degrees.
-    """
-    patch, angle = np.empty(len(points), dtype=int), np.empty(len(points))
-    samples = distance.samples
-    for k, (point, foot) in enumerate(zip(points, feet, strict=True)):
-        way, there = samples - point, foot - point
-        far = np.linalg.norm(way, axis=1)
-        cosine = (way @ there) / np.maximum(far * np.linalg.norm(there), 1e-300)
-        # as near as possible and as opposite as possible
-        best = (far * (2.0 + cosine)).argmin()
-        patch[k] = distance.sample_patch[best]
-        angle[k] = np.degrees(np.arccos(np.clip(cosine[best], -1.0, 1.0)))
-    return patch, angle
+def _divided(
+    x: np.ndarray,
+    radius: np.ndarray,
+    lines: np.ndarray,
+    distance: Callable[[np.ndarray], np.ndarray],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Lines (k, 2) halved until they are short: vertices, radius, lines, the line each is of."""
+    parent = np.arange(len(lines))
+    done, owner = [np.zeros((0, 2), dtype=np.int64)], [parent[:0]]
+    longest = np.linalg.norm(x[lines[:, 1]] - x[lines[:, 0]], axis=1) / MOST
+    while len(lines):
+        a, b = lines.T
+        middle = 0.5 * (x[a] + x[b])
+        length = np.linalg.norm(x[b] - x[a], axis=1)
+        free = distance(middle)
+        long = (length > LINE * np.minimum(free, np.minimum(radius[a], radius[b]))) & (
+            length > longest
+        )
+        done.append(lines[~long])
+        owner.append(parent[~long])
+        new = len(x) + np.arange(long.sum())
+        x, radius = np.vstack([x, middle[long]]), np.append(radius, free[long])
+        lines = np.vstack([np.column_stack([a[long], new]), np.column_stack([new, b[long]])])
+        parent, longest = np.tile(parent[long], 2), np.tile(longest[long], 2)
+    return x, radius, np.concatenate(done), np.concatenate(owner)

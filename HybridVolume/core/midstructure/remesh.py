@@ -130,6 +130,8 @@ class Remesher:
         Wanted edge lengths, mm, at points (k, 3).
     wanted : (n,) array
         The same at the vertices.
+    sharp : bool
+        Whether there are creases inside of sheets, too.
     """
 
     def __init__(
@@ -139,9 +141,11 @@ class Remesher:
         sheet: np.ndarray,
         size: Callable[[np.ndarray], np.ndarray],
         wanted: np.ndarray,
+        *,
+        sharp: bool = False,
     ) -> None:
         self.x, self.t, self.sheet, self.size = vertices, triangles, sheet, size
-        self.h = wanted
+        self.h, self.sharp = wanted, sharp
         self.fixed = np.zeros(len(vertices), dtype=bool)
 
     # ------------------------------------------------------------------ what is where
@@ -153,8 +157,9 @@ class Remesher:
         curve = edges.count != 2
         inner, sides = edges.two()
         f, g = sides.T // 3
-        border = self.sheet[f] != self.sheet[g]
-        inner, sides, f, g = inner[border], sides[border], f[border], g[border]
+        if not self.sharp:
+            border = self.sheet[f] != self.sheet[g]
+            inner, sides, f, g = inner[border], sides[border], f[border], g[border]
         if len(inner):
             unit = normals(self.x[self.t])
             same = self.t[f, sides[:, 0] % 3] == self.t[g, sides[:, 1] % 3]

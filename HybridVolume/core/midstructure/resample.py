@@ -17,6 +17,7 @@ from ..intersection import points_inside, self_intersections
 from .closest import Carrier
 from .contacts import join_contacts
 from .curves import corners, smooth_curves
+from .pieces import in_pieces
 from .remesh import SIDES, Edges, Remesher, opening_sides
 from .sheets import Midstructure
 
@@ -97,7 +98,7 @@ def resample(
     boundary: tuple[np.ndarray, np.ndarray],
 ) -> Complex:
     """Even triangles for the kept facets."""
-    source = _Source.of(midstructure, size, boundary)
+    source = _Source.of(in_pieces(midstructure, boundary), size)
     mesh = source.coarse()
     if len(mesh.t):
         _even(mesh, source)
@@ -128,28 +129,24 @@ class _Source:
     lines: np.ndarray
     line_radius: np.ndarray
     wanted: Callable[[np.ndarray], np.ndarray]
+    sharp: bool
 
     @classmethod
-    def of(cls, midstructure, size, boundary):
-        facets = midstructure.facets[midstructure.kept]
-        sheet = midstructure.sheet[midstructure.kept]
-        used, facets = np.unique(facets, return_inverse=True)
-        facets = facets.reshape(-1, 3)
-        x, radius = midstructure.vertices[used], midstructure.radius[used]
-        same = facets == facets[:, [1, 2, 0]]
-        lines = facets[same.any(axis=1)]
-        solid = ~same.any(axis=1)
-        outer = Carrier(boundary[0][boundary[1]], np.full(len(boundary[1]), np.inf))
-
-        def free(points):
-            return np.linalg.norm(outer.closest(points)[0] - points, axis=1)
-
-        points, r = line_points(x, radius, lines, free)
-        given = len(x)
-        mesh = Remesher(x, facets[solid], sheet[solid], lambda p: size(free(p)), size(radius))
-        mesh.split(2.5)
-        radius = np.append(radius, free(mesh.x[given:])) if len(mesh.x) > given else radius
-        return cls(mesh.x, mesh.t, mesh.sheet, radius, points, r, size)
+    def of(cls, midstructure: Midstructure, wanted: Callable[[np.ndarray], np.ndarray]) -> _Source:
+        """From facets that are all kept and small."""
+        facets = midstructure.facets
+        flat = (facets == facets[:, [1, 2, 0]]).any(axis=1)
+        ends = np.unique(facets[flat])
+        return cls(
+            midstructure.vertices,
+            facets[~flat],
+            midstructure.sheet[~flat],
+            midstructure.radius,
+            midstructure.vertices[ends],
+            midstructure.radius[ends],
+            wanted,
+            midstructure.method == "own",
+        )
 
     def __post_init__(self):
         used = np.unique(self.triangles)
@@ -199,7 +196,7 @@ class _Source:
         n = len(x)
         if not len(t):
             return Remesher(x[:0], t, self.sheet, self.size, self.h[:0])
-        mesh = Remesher(x, t, self.sheet, self.size, self.h)
+        mesh = Remesher(x, t, self.sheet, self.size, self.h, sharp=self.sharp)
         edges, curve, degree = mesh.edges()
         kind = np.where(degree == 0, 3, np.where(degree == 2, 2, 1))
         kind[corners(mesh)] = 0
@@ -238,22 +235,6 @@ class _Source:
             points, radius = points[far], radius[far]
         pick = spread(points, ALONG * radius)
         return points[pick], radius[pick]
-
-
-def line_points(x, radius, lines, free):
-    """Points along lines, and the distance of each to the surface."""
-    ends = x[lines[:, 0]], x[np.where(lines[:, 1] == lines[:, 0], lines[:, 2], lines[:, 1])]
-    length = np.linalg.norm(ends[1] - ends[0], axis=1)
-    least = np.minimum(radius[lines[:, 0]], radius[lines[:, 2]])
-    number = np.ceil(length / np.maximum(ALONG * least, 1e-3 * length)).astype(int)
-    points, r = [x[np.unique(lines)]], [radius[np.unique(lines)]]
-    for k in np.unique(number[number > 1]):
-        mine = number == k
-        share = (np.arange(1, k) / k)[:, None, None]
-        between = ((1 - share) * ends[0][mine] + share * ends[1][mine]).reshape(-1, 3)
-        points.append(between)
-        r.append(free(between))
-    return np.vstack(points), np.concatenate(r)
 
 
 def _even(mesh: Remesher, source: _Source) -> None:
