@@ -258,6 +258,7 @@ def by_mouse(answer):
     drag(start, QtCore.QPoint(slider.mapToGlobal(slider.rect().topLeft()).x() + 2, start.y()))
     screenshot("6_slider")
     answer["while dragged"] = {**seen(doc), "angle": doc.Midstructure.Angle}
+    answer["preview seconds"] = form().property("previewSeconds")
     release()
     answer["slider released"] = {**seen(doc), "angle": doc.Midstructure.Angle}
     doc.undo()
@@ -325,11 +326,14 @@ def record(name):
             start = dialog.findChild(QtGui.QPushButton, "buttonStart")
             if isinstance(dialog, QtGui.QDialog) and start and dialog.isVisible():
                 dialog.findChild(QtGui.QLineEdit, "lineEditPath").setText(name)
-                dialog.findChild(QtGui.QLineEdit, "lineEditMacroPath").setText(str(FOLDER))
                 start.click()
                 return
         QtCore.QTimer.singleShot(100, fill)
 
+    folder = FOLDER / "macros"
+    folder.mkdir()
+    settings = FreeCAD.ParamGet("User parameter:BaseApp/Preferences/Macro")
+    settings.SetString("MacroPath", str(folder))
     QtCore.QTimer.singleShot(300, fill)
     FreeCADGui.runCommand("Std_DlgMacroRecord")
     wait(300)
@@ -351,7 +355,7 @@ def cancelled_and_recorded(answer):
         "open": form() is not None,
         "changed": [name for name, value in before.items() if after[name] != value],
         "box can be selected": selectable(box),
-        "glass": box.ViewObject.SwitchNode.whichChild.getValue() >= 0,
+        "box is shown": box.ViewObject.SwitchNode.whichChild.getValue() >= 0,
     }
 
     # Undo takes away what Create made: the panel goes as well

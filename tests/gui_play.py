@@ -81,7 +81,7 @@ def play(scenario, folder, ask=False, **variables):
     )
     assert answer.is_file(), run.stdout[-3000:] + run.stderr[-3000:]
     found = json.loads(answer.read_text())
-    assert found.get("finished"), found.get("traceback")
+    assert found.get("finished"), f"{found.get('traceback')}\n{run.stderr[-3000:]}"
     return found
 
 

@@ -11,6 +11,7 @@ import FreeCADGui
 from PySide import QtCore
 from PySide.QtCore import QT_TRANSLATE_NOOP
 
+import HybridVolume
 from HybridVolume.errors import HybridVolumeError
 
 CREATE = "HybridVolume_Create"
@@ -50,11 +51,8 @@ def open_soon(obj: Any) -> None:
     """
     document, name = obj.Document.Name, obj.Name
 
-    def show() -> None:
-        FreeCADGui.doCommandGui("from HybridVolume.gui import commands")
-        FreeCADGui.doCommandGui(f"commands.open_panel({document!r}, {name!r})")
-
-    QtCore.QTimer.singleShot(0, show)
+    # not a recorded line: a macro repeats what is done in the panel, not that it was open
+    QtCore.QTimer.singleShot(0, lambda: open_panel(document, name))
 
 
 def usable(obj: Any) -> bool:
@@ -189,5 +187,8 @@ def _body_of(obj: Any) -> Any:
 
 def register() -> list[str]:
     """Make the commands known to FreeCAD and return their names."""
-    FreeCADGui.addCommand(CREATE, CreateCommand())
+    # FreeCAD begins the macro of a command with an import of the file that made the command known,
+    # by its bare name. "import commands" would fail; "import HybridVolume" is what is needed.
+    line = compile("add(name, command)", f"{HybridVolume.__name__}.py", "exec")
+    exec(line, {"add": FreeCADGui.addCommand, "name": CREATE, "command": CreateCommand()})
     return NAMES

@@ -77,7 +77,10 @@ class Macro:
         ----------
         action : {"keep", "remove", "only", "invert"}
         sheets : sequence of Sheet
+            Without any, all are meant.
         """
+        if not sheets:
+            return f"{action}()"
         if len(sheets) == 1:
             (sheet,) = sheets
             at = ", ".join(f"{x:.6g}" for x in sheet.foot)
@@ -121,8 +124,12 @@ def start_volume(source: Any, solid: int) -> Any:
     """
     doc = document_text(source.Document)
     before = {obj.Name for obj in source.Document.Objects}
-    FreeCADGui.doCommand("from HybridVolume.objects.volume import start")
-    FreeCADGui.doCommand(f"volume = start({doc}, {doc}.getObject({source.Name!r}), {solid})")
+    # FreeCAD's recorder understands this kind of import only
+    FreeCADGui.doCommand("import HybridVolume.objects.volume")
+    FreeCADGui.doCommand(
+        f"volume = HybridVolume.objects.volume.start("
+        f"{doc}, {doc}.getObject({source.Name!r}), {solid})"
+    )
     (made,) = (
         obj
         for obj in source.Document.Objects

@@ -64,8 +64,7 @@ class MidstructurePanel:
     Attributes
     ----------
     form : QWidget
-    preview_seconds : float
-        What the last step of a slider took, with the view.
+        Its property ``previewSeconds`` tells what the last step of a slider took, with the view.
     """
 
     def __init__(self, volume: Any, mark: UndoMark, *, goes_on: bool = False) -> None:
@@ -73,7 +72,6 @@ class MidstructurePanel:
         self.form = FreeCADGui.PySideUic.loadUi(str(path))
         icon = preferences.RESOURCES / "icons" / "HybridVolume_Midstructure.svg"
         self.form.setWindowIcon(QtGui.QIcon(str(icon)))
-        self.preview_seconds = 0.0
         self._volume = volume
         self._obj = volume.Midstructure
         self._document = volume.Document.Name
@@ -476,7 +474,7 @@ class MidstructurePanel:
         self._table.show(found)
         self.form.hint.setText(f"{found.kept_sheets} of {len(found.sheets)} sheets kept.")
         FreeCADGui.updateGui()
-        self.preview_seconds = time.perf_counter() - began
+        self.form.setProperty("previewSeconds", time.perf_counter() - began)
 
     def _take_rule(self) -> None:
         """Take angle and size into the document, as one step of Undo."""
@@ -507,7 +505,6 @@ class MidstructurePanel:
             numbers = self._table.selection()
         if not numbers and action != "invert":
             return
-        numbers = numbers or range(len(found.sheets))
         self._rule.finish()
         self._command(self._macro.decision(action, [found.sheets[k] for k in numbers]))
 
