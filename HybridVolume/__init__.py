@@ -9,6 +9,9 @@ What macros and scripts use::
     volume = HybridVolume.complete(body, w0=0.5)
     mesh = HybridVolume.to_fem(volume, FreeCAD.ActiveDocument)
 
+    mid = HybridVolume.edit_midstructure(FreeCAD.ActiveDocument.getObject("Midstructure"))
+    mid.remove(faces=("Face3", "Face9"))
+
 Importing the package loads nothing else; each function is loaded at its first use.
 """
 
