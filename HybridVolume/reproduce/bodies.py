@@ -35,6 +35,8 @@ class ExactBody:
         Of what is kept automatically, mm²; not a number where it is a matter of judgement.
     length : float
         Of a line, mm; not a number for sheets.
+    along : callable, optional
+        Length along the line, mm, of the points on it that are nearest to (k, 3) points.
     size : float
         Half of the thickness, mm: deviations are told in units of it.
     options : dict
@@ -47,6 +49,7 @@ class ExactBody:
     place: str
     area: float = float("nan")
     length: float = float("nan")
+    along: Callable[[np.ndarray], np.ndarray] | None = None
     size: float = 1.0
     options: dict[str, Any] = field(default_factory=dict)
 
@@ -75,16 +78,19 @@ def exact_bodies() -> list[ExactBody]:
             "ring", _ring(2.0, 3.0, 3.0), lambda x: np.abs(_across(x) - 2.5), "mid cylinder",
             2.0 * np.pi * 2.5 * 2.0, size=0.5,
         ),
-        ExactBody("cylinder", _cylinder(1.0, 6.0), _across, "axis", length=4.0),
-        ExactBody("torus", _torus(3.0, 1.0), _off_circle, "centre circle", length=6.0 * np.pi),
+        ExactBody("cylinder", _cylinder(1.0, 6.0), _across, "axis", length=4.0, along=_height),
+        ExactBody(
+            "torus", _torus(3.0, 1.0), _off_circle, "centre circle",
+            length=6.0 * np.pi, along=_around,
+        ),
         ExactBody("sphere", _sphere(1.0), lambda x: np.linalg.norm(x, axis=1), "centre", 0.0),
         ExactBody(
             "torus-skeleton", _torus(3.0, 1.0), _off_circle, "centre circle",
-            length=6.0 * np.pi, options={"midstructure": "skeleton"},
+            length=6.0 * np.pi, along=_around, options={"midstructure": "skeleton"},
         ),
         ExactBody(
             "cylinder-skeleton", _cylinder(1.0, 6.0), _across, "axis",
-            length=4.0, options={"midstructure": "skeleton"},
+            length=4.0, along=_height, options={"midstructure": "skeleton"},
         ),
         ExactBody(
             "box-distance", block, lambda x: np.abs(_depth(x, (4.0, 2.0, 1.0)) - 0.25),
@@ -119,6 +125,14 @@ def bracket_area(thickness: float, leg: float, width: float) -> float:
 def _across(x: np.ndarray) -> np.ndarray:
     """Distance from the z axis."""
     return np.hypot(x[:, 0], x[:, 1])
+
+
+def _height(x: np.ndarray) -> np.ndarray:
+    return x[:, 2]
+
+
+def _around(x: np.ndarray) -> np.ndarray:
+    return 3.0 * np.arctan2(x[:, 1], x[:, 0])
 
 
 def _off_circle(x: np.ndarray) -> np.ndarray:

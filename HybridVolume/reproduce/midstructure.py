@@ -26,6 +26,8 @@ from HybridVolume.freecad_python import import_freecad
 from HybridVolume.job import Job, worker_python
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from HybridVolume.core.hybrid import HybridVolume
     from HybridVolume.core.midstructure import Midstructure
     from HybridVolume.core.surface import SplineFace
@@ -297,19 +299,29 @@ def compared(midstructure: Midstructure, body: ExactBody) -> dict[str, Any]:
     x = midstructure.vertices[facets]
     places = np.concatenate([x.reshape(-1, 3), x.mean(axis=1)])
     off = body.off(places)
-    lines = facets[:, 1] == facets[:, 2]
-    ends = x[lines]
-    length = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum())
+    length = None
+    if body.along:
+        # steps along the line; larger ones are gaps
+        step = np.diff(np.sort(body.along(np.concatenate([places, _halfway(x)]))))
+        length = float(step[step < 0.25 * body.size].sum())
     return {
         "place": body.place,
         "area": midstructure.area,
         "area_exact": _plain(body.area),
-        "length": length if lines.any() else None,
+        "length": length,
         "length_exact": _plain(body.length),
         "off_max": float(off.max()),
         "off_mean": float(off.mean()),
         "half_thickness": body.size,
     }
+
+
+def _halfway(x: np.ndarray) -> np.ndarray:
+    """Places on the sides of facets, (k, 3) from (f, 3, 3)."""
+    import numpy as np
+
+    share = np.linspace(0.0, 1.0, 33)[:, None, None, None]
+    return ((1.0 - share) * x + share * np.roll(x, -1, axis=1)).reshape(-1, 3)
 
 
 def _plain(value: float) -> float | None:

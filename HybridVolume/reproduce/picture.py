@@ -22,6 +22,10 @@ COLOURS = (
 
 # A triangle flatter than this is drawn as a line.
 _FLAT = 0.02
+# Sheets with less area than this, in squares of their length, are lines.
+_LINE = 0.01
+# Size of a point, as a share of the body's diagonal.
+_POINT = 0.02
 _TRIANGLES = 60_000
 
 
@@ -35,10 +39,13 @@ def inside(surface: PatchSurface, midstructure: Midstructure) -> Scene:
     """
     skins = [_glass(surface)]
     wires = [_edges(surface)]
+    size = surface.diagonal
     kept_sheets = [k for k, sheet in enumerate(midstructure.sheets) if sheet.kept]
     for place, k in enumerate(kept_sheets):
         facets = midstructure.facets[midstructure.kept & (midstructure.sheet == k)]
-        skin, wire = _sheet(midstructure.vertices, facets, COLOURS[place % len(COLOURS)])
+        skin, wire = _sheet(
+            midstructure.vertices, facets, COLOURS[place % len(COLOURS)], _POINT * size
+        )
         skins.extend(skin)
         wires.extend(wire)
     wires.extend(_outline(midstructure))
@@ -76,30 +83,40 @@ def _edges(surface: PatchSurface) -> Wire:
 
 
 def _sheet(
-    vertices: np.ndarray, facets: np.ndarray, colour: tuple[float, float, float]
+    vertices: np.ndarray, facets: np.ndarray, colour: tuple[float, float, float], size: float
 ) -> tuple[list[Skin], list[Wire]]:
-    """Triangles of a sheet; those without area, and lines, as lines; points as small diamonds."""
+    """Triangles of a sheet; those without area, and lines, as lines; points as diamonds."""
     x = vertices[facets]
     side = np.linalg.norm(np.roll(x, -1, axis=1) - x, axis=2)
     area = np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
     longest = side.max(axis=1)
     flat = area <= _FLAT * longest**2
     skins, wires = [], []
-    if (~flat).any():
-        used, triangles = np.unique(facets[~flat], return_inverse=True)
+    solid = area > 0.0
+    if solid.any():
+        used, triangles = np.unique(facets[solid], return_inverse=True)
         skins.append(Skin(vertices[used], None, triangles.reshape(-1, 3), colour))
     lines = np.flatnonzero(flat & (longest > 0.0))
-    if len(lines):
+    # slivers within a sheet are covered by their neighbours
+    extent = np.ptp(x.reshape(-1, 3), axis=0).max()
+    if len(lines) and (0.5 * area.sum() < _LINE * extent**2 or (area[lines] == 0.0).any()):
         start = side[lines].argmax(axis=1)
         ends = np.stack([x[lines, start], x[lines, (start + 1) % 3]], axis=1)
         wires.append(Wire(ends, colour, 5.0))
-    points = np.unique(facets[flat & (longest == 0.0), 0]) if flat.any() else np.zeros(0, int)
+    points = vertices[np.unique(facets[longest == 0.0, 0])]
+    if extent < size:
+        points = x.reshape(-1, 3).mean(axis=0)[None]
     if len(points):
-        size = 0.01 * float(np.ptp(vertices, axis=0).max() or 1.0)
-        arms = np.concatenate([np.eye(3), -np.eye(3)]).reshape(2, 3, 3).swapaxes(0, 1)
-        crosses = vertices[points][:, None, None] + size * arms
-        wires.append(Wire(crosses.reshape(-1, 2, 3), colour, 5.0))
+        skins.append(_diamonds(points, 0.5 * size, colour))
     return skins, wires
+
+
+def _diamonds(points: np.ndarray, size: float, colour: tuple[float, float, float]) -> Skin:
+    """An octahedron around each point."""
+    corners = size * np.concatenate([np.eye(3), -np.eye(3)])
+    signs = np.array([[i, j, k] for i in (0, 3) for j in (1, 4) for k in (2, 5)])
+    triangles = np.arange(len(points))[:, None, None] * 6 + signs
+    return Skin((points[:, None] + corners).reshape(-1, 3), None, triangles.reshape(-1, 3), colour)
 
 
 def _outline(midstructure: Midstructure) -> list[Wire]:
