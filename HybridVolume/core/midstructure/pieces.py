@@ -16,6 +16,8 @@ from .sheets import Midstructure
 
 # Longest pieces of lines, and longest edges of triangles, in units of the distance to the surface.
 LINE, EDGE = 0.25, 0.6
+# The same for the facets of a medial axis, whose vertices all know their distance.
+AXIS_EDGE = 2.0
 # Smallest distance that counts for triangles, in units of the largest.
 LEAST = 0.05
 # Pieces of one line at most.
@@ -51,7 +53,8 @@ def in_pieces(midstructure: Midstructure, boundary: tuple[np.ndarray, np.ndarray
     flat = (facets == facets[:, [1, 2, 0]]).any(axis=1)
     lines, line_sheet = np.sort(facets[flat], axis=1)[:, [0, 2]], sheet[flat]
     facets, sheet = facets[~flat], sheet[~flat]
-    if midstructure.figures is None:
+    drawn = midstructure.figures is None
+    if drawn:
         # the medial axis does not cross itself, but what a user draws may
         x, facets, parent = conform(x, facets)
         sheet = sheet[parent]
@@ -60,7 +63,7 @@ def in_pieces(midstructure: Midstructure, boundary: tuple[np.ndarray, np.ndarray
     mesh = Remesher(
         x, facets, sheet, lambda p: np.maximum(distance(p), least), np.maximum(radius, least)
     )
-    mesh.split(EDGE)
+    mesh.split(EDGE if drawn else AXIS_EDGE)
     x, radius = mesh.x, np.append(radius, distance(mesh.x[len(radius) :]))
     x, radius, lines, parent = _divided(x, radius, lines, distance)
     return replace(

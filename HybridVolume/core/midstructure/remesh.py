@@ -275,47 +275,88 @@ class Remesher:
 
     def split(self, limit: float = LONG) -> int:
         """Split long edges at their middle; the number of splits."""
-        done = 0
-        for _ in range(40):
-            n = len(self.x)
-            edges = Edges.of(self.t, n)
-            a, b = edges.ends.T
-            length = np.linalg.norm(self.x[a] - self.x[b], axis=1)
-            ratio = length / (0.5 * (self.h[a] + self.h[b]))
-            # equal lengths are told apart, so that neighbours agree about the longest side
-            rank = np.empty(len(length), dtype=np.int64)
-            rank[np.lexsort([np.arange(len(length)), length])] = np.arange(len(length))
-            side = rank[edges.of_triangle].argmax(axis=1)
-            rows = np.arange(len(self.t))
-            longest = edges.of_triangle[rows, side]
-            votes = np.bincount(longest, minlength=len(rank))
-            # a long side that is nobody's longest waits until those before it are split
-            chosen = (ratio > limit) & (votes == edges.count)
-            if not chosen.any():
-                too = ratio[edges.of_triangle].max(axis=1) > limit
-                chosen = np.zeros(len(rank), dtype=bool)
-                chosen[longest[too]] = True
-                chosen &= votes == edges.count
-                if not chosen.any():
+        before = len(self.x)
+        for _ in range(20):
+            start = len(self.x)
+            near, far = self._around_long(limit)
+            outside = np.zeros(len(self.x), dtype=bool)
+            outside[self.t[far]] = True
+            part, sheet = self.t[near], self.sheet[near]
+            for _ in range(40 if len(near) else 0):
+                number = len(self.x)
+                part, sheet, outside = self._split_some(part, sheet, outside, limit)
+                if len(self.x) == number:
                     break
-            number = np.full(len(rank), -1)
-            number[chosen] = n + np.arange(chosen.sum())
-            which = np.flatnonzero(chosen[longest])
-            k, new = side[which], number[longest[which]]
-            first, second = self.t[which].copy(), self.t[which].copy()
-            at = np.arange(len(which))
-            first[at, (k + 1) % 3] = new
-            second[at, k] = new
-            rest = np.ones(len(self.t), dtype=bool)
-            rest[which] = False
-            self.t = np.vstack([self.t[rest], first, second])
-            self.sheet = np.concatenate([self.sheet[rest], self.sheet[which], self.sheet[which]])
-            middle = 0.5 * (self.x[a[chosen]] + self.x[b[chosen]])
-            self.x = np.vstack([self.x, middle])
-            self.h = np.append(self.h, self.size(middle))
-            self.fixed = np.append(self.fixed, np.zeros(len(middle), dtype=bool))
-            done += len(middle)
-        return done
+            self.t = np.vstack([self.t[far], part])
+            self.sheet = np.append(self.sheet[far], sheet)
+            if len(self.x) == start:
+                break
+        return len(self.x) - before
+
+    def _split_some(
+        self, t: np.ndarray, sheet: np.ndarray, outside: np.ndarray, limit: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """One split at most in each of some triangles.
+
+        Parameters
+        ----------
+        t : (f, 3) int array
+        sheet : (f,) int array
+        outside : (n,) bool array
+            Vertices of other triangles: edges between two of them are left alone.
+        limit : float
+
+        Returns
+        -------
+        t, sheet, outside
+        """
+        n = len(self.x)
+        edges = Edges.of(t, n)
+        a, b = edges.ends.T
+        length = np.linalg.norm(self.x[a] - self.x[b], axis=1)
+        ratio = length / (0.5 * (self.h[a] + self.h[b]))
+        # equal lengths are told apart, so that neighbours agree about the longest side
+        rank = np.empty(len(length), dtype=np.int64)
+        rank[np.argsort(length, kind="stable")] = np.arange(len(length))
+        side = rank[edges.of_triangle].argmax(axis=1)
+        longest = edges.of_triangle[np.arange(len(t)), side]
+        agreed = np.bincount(longest, minlength=len(rank)) == edges.count
+        agreed &= ~(outside[a] & outside[b])
+        chosen = (ratio > limit) & agreed
+        if not chosen.any():
+            # a long side that is nobody's longest waits for the longer ones
+            chosen[longest[ratio[edges.of_triangle].max(axis=1) > limit]] = True
+            chosen &= agreed
+        which = np.flatnonzero(chosen[longest])
+        number = np.full(len(rank), -1)
+        number[chosen] = n + np.arange(chosen.sum())
+        k, new = side[which], number[longest[which]]
+        first, second = t[which].copy(), t[which].copy()
+        at = np.arange(len(which))
+        first[at, (k + 1) % 3] = new
+        second[at, k] = new
+        rest = ~chosen[longest]
+        middle = 0.5 * (self.x[a[chosen]] + self.x[b[chosen]])
+        self.x = np.vstack([self.x, middle])
+        self.h = np.append(self.h, self.size(middle))
+        no = np.zeros(len(middle), dtype=bool)
+        self.fixed = np.append(self.fixed, no)
+        return (
+            np.vstack([t[rest], first, second]),
+            np.concatenate([sheet[rest], sheet[which], sheet[which]]),
+            np.append(outside, no),
+        )
+
+    def _around_long(self, limit: float) -> tuple[np.ndarray, np.ndarray]:
+        """Triangles with a long side, with those around them; and the others."""
+        x, h = self.x[self.t], self.h[self.t]
+        length = np.linalg.norm(x[:, [1, 2, 0]] - x, axis=2)
+        long = (length > limit * 0.5 * (h + h[:, [1, 2, 0]])).any(axis=1)
+        for _ in range(2 if long.any() else 0):
+            mark = np.zeros(len(self.x), dtype=bool)
+            mark[self.t[long]] = True
+            long = mark[self.t].any(axis=1)
+        return np.flatnonzero(long), np.flatnonzero(~long)
 
     def collapse(self, limit: float = SHORT, rounds: int = 30, worst: float = 0.0) -> int:
         """Collapse short edges where that changes neither the topology nor the shape.

@@ -217,15 +217,16 @@ class _Source:
     def _thinned(self, kind, spacing):
         """One vertex for each cell of a fine grid."""
         used = self.used
-        level = np.floor(np.log2(np.maximum(spacing[used], 1e-300))).astype(int)
+        level = np.floor(np.log2(np.maximum(spacing[used], 1e-300))).astype(np.int64)
         cell = np.floor(self.vertices[used] / (0.25 * 2.0**level)[:, None]).astype(np.int64)
-        order = np.lexsort([kind[used]])
-        rows = np.column_stack([level, cell])[order]
-        _, first = np.unique(rows, axis=0, return_index=True)
-        return used[order[first]]
+        key = level - level.min()
+        for k in range(3):
+            key = key * 2**20 + (cell[:, k] - cell[:, k].min()) % 2**20
+        order = np.argsort(kind[used], kind="stable")
+        return used[order[np.unique(key[order], return_index=True)[1]]]
 
     def rest(self, mesh):
-        used = self._thinned(np.zeros(len(self.vertices)), DETAIL * self.h)
+        used = self._thinned(np.zeros(len(self.vertices)), self.h)
         points = np.vstack([self.vertices[used], self.lines])
         radius = np.append(self.radius[used], self.line_radius)
         if len(mesh.t):
