@@ -254,16 +254,17 @@ def _unique(names: Sequence[str]) -> list[str]:
 
 
 def solve_front(
-    surface: PatchSurface, frame: ColumnFrame, field: HarmonicField, w0: float
+    surface: PatchSurface, frame: ColumnFrame, field: HarmonicField, goal: np.ndarray
 ) -> np.ndarray:
-    """Displacements that take the surface to the level ``w0``.
+    """Displacements that take the surface to given levels.
 
     Parameters
     ----------
     surface : PatchSurface
     frame : ColumnFrame
     field : HarmonicField
-    w0 : float
+    goal : (n,) array
+        Level at every control point.
 
     Returns
     -------
@@ -283,26 +284,26 @@ def solve_front(
     rows = 3 * np.arange(n)[:, None, None] + np.arange(3)[:, None] + np.zeros(3, dtype=int)
     columns = np.swapaxes(rows, 1, 2)
 
-    def solve(normal: np.ndarray, goal: np.ndarray, rho: np.ndarray) -> np.ndarray:
-        """Smoothest displacements with n . D drawn to a goal with weight rho."""
+    def solve(normal: np.ndarray, length: np.ndarray, rho: np.ndarray) -> np.ndarray:
+        """Smoothest displacements with n . D drawn to a length with weight rho."""
         outer = across + rho[:, None, None] * normal[:, :, None] * normal[:, None, :]
         matrix = blocks + sparse.csr_matrix(
             (outer.ravel(), (rows.ravel(), columns.ravel())), shape=(3 * n, 3 * n)
         )
-        right = (rho * goal)[:, None] * normal
+        right = (rho * length)[:, None] * normal
         return _solve_blocks(matrix, outer, degree, right, displacement)
 
     lengths = np.full(n, np.nan)
     for step in range(1, LEVELS + 2):
-        level = w0 * min(step, LEVELS) / LEVELS
+        level = goal * min(step, LEVELS) / LEVELS
         if step > LEVELS:
             # where the net is coarse a corner far from the level is held back by its neighbours,
             # and a node may have been pushed out of the body
             w, _, inside = field.evaluate(frame.nodes + displacement)
-            behind = ~inside | (w < LAGGING * w0)
+            behind = ~inside | (w < LAGGING * goal)
             if not behind.any():
                 break
-            lengths[behind] = _ray_lengths(field, frame, behind, w0, diagonal)
+            lengths[behind] = _ray_lengths(field, frame, behind, goal[behind], diagonal)
         ray = np.isfinite(lengths)
         for _ in range(ITERATIONS + 6 if step == LEVELS else ITERATIONS):
             w, gradient, inside = field.evaluate(frame.nodes + displacement)
@@ -322,22 +323,26 @@ def solve_front(
             rho = np.where(free, 0.0, pull)
             if free.all():
                 rho = pull
-            goal = np.where(ray, lengths, along + way)
+            length = np.where(ray, lengths, along + way)
             rho = np.where(ray, RAY_PULL * pull, rho)
-            displacement = solve(normal, goal, rho)
+            displacement = solve(normal, length, rho)
     return displacement
 
 
 def _ray_lengths(
-    field: HarmonicField, frame: ColumnFrame, chosen: np.ndarray, level: float, diagonal: float
+    field: HarmonicField,
+    frame: ColumnFrame,
+    chosen: np.ndarray,
+    level: np.ndarray,
+    diagonal: float,
 ) -> np.ndarray:
-    """Distance from nodes along their inward directions to the level; nan where it is not met."""
+    """Distance from nodes along their inward directions to their levels; nan if not met."""
     nodes, direction = frame.nodes[chosen], frame.direction[chosen]
     shares = np.geomspace(1e-3, 1.0, 80) * diagonal
     places = nodes[:, None] + shares[:, None] * direction[:, None]
     w, _, inside = field.evaluate(places.reshape(-1, 3))
     w, inside = w.reshape(len(nodes), -1), inside.reshape(len(nodes), -1)
-    reached = w >= level
+    reached = w >= level[:, None]
     first = reached.argmax(axis=1)
     ok = reached.any(axis=1) & (first > 0)
     # the whole way must run inside the body

@@ -22,6 +22,7 @@ from scipy.sparse.linalg import splu
 from .. import errors
 from . import bspline
 from .front import ColumnFrame, column_frame, solve_front
+from .goals import Thickness, goal_levels
 from .harmonic import HarmonicField
 from .intersection import self_intersections
 from .levels import Spacing, spaced_layers, uniform_layers
@@ -68,16 +69,13 @@ class _State:
     target: np.ndarray
     certificate: Certificate
     crossing: np.ndarray  # elements whose inner sides cut something
+    w: np.ndarray  # level at each Greville point of the inner surface
     mean: float
     rms: float
 
     @property
     def accepted(self) -> bool:
         return self.certificate.all_valid and not len(self.crossing)
-
-    def off(self, level: float) -> float:
-        """Root mean square distance from a level, as a share of it."""
-        return float(np.hypot(self.mean - level, self.rms)) / level
 
     @property
     def bad(self) -> np.ndarray:
@@ -100,6 +98,7 @@ class _Grower:
         self.report = report
         self.knots_w = bspline.clamped_knots(degree_w, 1)
         self.frame: ColumnFrame = column_frame(surface)
+        self.area = self.frame.area / self.frame.area.sum()
         self.nodal = _nodal_matrix(surface)
         self.bulge = _polynomial_correction(surface, self.frame.nodes, self.nodal)
         self.reach = 0.3 * self.frame.spacing
@@ -120,9 +119,8 @@ class _Grower:
             crossing = self.crossing_elements(shell)
         inner = self.nodal @ (self.surface.control_points + d)
         w, _, _ = self.field.evaluate(inner)
-        area = self.frame.area / self.frame.area.sum()
-        mean = float(area @ w)
-        rms = float(np.sqrt(area @ (w - mean) ** 2))
+        mean = float(self.area @ w)
+        rms = float(np.sqrt(self.area @ (w - mean) ** 2))
         logger.info(
             "columns: %d invalid, %d undecided, %d crossing, w %.3f (rms %.3f)",
             certificate.invalid,
@@ -131,16 +129,20 @@ class _Grower:
             mean,
             rms,
         )
-        return _State(d, target, certificate, crossing, mean, rms)
+        return _State(d, target, certificate, crossing, w, mean, rms)
 
     def crossing_elements(self, shell: Shell) -> np.ndarray:
         """Elements over which the inner surface cuts itself."""
         inner = shell.inner_surface()
         return np.unique(np.concatenate([grid.crossing(inner) for grid in self.grids]))
 
-    def front(self, level: float) -> np.ndarray:
-        """Displacements of the control points to the solved front at a level."""
-        return self.bulge + solve_front(self.surface, self.frame, self.field, level)
+    def front(self, goal: np.ndarray) -> np.ndarray:
+        """Displacements of the control points to the solved front at given levels."""
+        return self.bulge + solve_front(self.surface, self.frame, self.field, goal)
+
+    def off(self, state: _State, goal: np.ndarray) -> float:
+        """Root mean square distance from the levels, as a share of their mean."""
+        return float(np.sqrt(self.area @ (state.w - goal) ** 2) / (self.area @ goal))
 
     def reference(self, d: np.ndarray) -> np.ndarray:
         """Thickness at the control points that the elements should have, from columns ``d``."""
@@ -235,52 +237,51 @@ class _Grower:
         return state
 
     def advance(
-        self, state: _State, level: float, fidelity: float, repairs: int = REPAIRS
+        self, state: _State, goal: np.ndarray, fidelity: float, repairs: int = REPAIRS
     ) -> _State:
-        """Optimise all columns towards a level, then repair."""
-        target = np.minimum(level, RELAX * state.target)
+        """Optimise all columns towards given levels, then repair."""
+        target = np.minimum(goal, RELAX * state.target)
         reference = self.reference(state.d)
         energy = self.energy(state.d, target, reference, fidelity)
         return self.settle(optimise(energy, self.reach), target, fidelity, repairs)
 
-    def from_front(self, level: float) -> _State | None:
+    def from_front(self, goal: np.ndarray) -> _State | None:
         """The whole way at once: solved front, repair where it is not valid, then optimisation."""
-        front = self.front(level)
-        self.report(0.3, f"front at w0 = {level:.3g}")
-        target = np.full(len(front), level)
-        first = self.check(front, target)
+        front = self.front(goal)
+        self.report(0.3, f"front at w0 = {float(self.area @ goal):.3g}")
+        first = self.check(front, goal)
         if len(first.bad) > 0.1 * self.surface.element_count:
-            first = self.advance(first, level, 0.1 * FIDELITIES[0])
+            first = self.advance(first, goal, 0.1 * FIDELITIES[0])
         else:
-            first = self.settle(front, target, 0.1 * FIDELITIES[0])
+            first = self.settle(front, goal, 0.1 * FIDELITIES[0])
         self.report(0.4, f"repaired, w = {first.mean:.3g}")
         best = first if first.accepted else None
         misses = 0
         for number, fidelity in enumerate(FIDELITIES):
             # what only improves an accepted state is not worth many repairs
             repairs = REPAIRS if best is None else 1
-            state = self.advance(best or first, level, fidelity, repairs)
+            state = self.advance(best or first, goal, fidelity, repairs)
             if best is not None and not state.accepted:
                 state = self.merged(best, state)
             self.report(0.5 + 0.1 * number, f"elements optimised, w = {state.mean:.3g}")
             # where an optimised state is worse, a stronger pull may hold the shell nearer
             if state.accepted and (
-                best is None or self.fault(state, level) < self.fault(best, level)
+                best is None or self.fault(state, goal) < self.fault(best, goal)
             ):
                 best, misses = state, 0
             else:
                 misses += 1
             close = best is not None and (
-                best.off(level) < 0.5 * CLOSE or self.fault(best, level) < CLOSE
+                self.off(best, goal) < 0.5 * CLOSE or self.fault(best, goal) < CLOSE
             )
             if close or (best is not None and misses > 1):
                 break
         return best
 
-    def fault(self, state: _State, level: float) -> float:
-        """How far an accepted state is from the level, flat elements counted as well."""
+    def fault(self, state: _State, goal: np.ndarray) -> float:
+        """How far an accepted state is from the levels, flat elements counted as well."""
         flattest = float(scaled_jacobian(self.shell(state.d).bezier_elements()).min())
-        return state.off(level) + FLAT * max(0.0, 1.0 - flattest / SHAPELY)
+        return self.off(state, goal) + FLAT * max(0.0, 1.0 - flattest / SHAPELY)
 
     def thin_start(self) -> tuple[_State | None, _State]:
         """The thickest of the thin straight shells that is proved, and the last one tried."""
@@ -292,7 +293,7 @@ class _Grower:
                 return state, state
         return None, state
 
-    def grow(self, level: float) -> _State:
+    def grow(self, goal: np.ndarray) -> _State:
         """Start thin and grow in stages; a stage that fails is tried again with half the step.
 
         Raises
@@ -304,16 +305,16 @@ class _Grower:
         if best is None:
             raise self.failure(last)
         self.report(0.5, f"thin start, w = {best.mean:.3g}")
-        ratio, goal = 2.0, 0.0
+        level, ratio = float(self.area @ goal), 2.0
         while best.mean < 0.97 * level and ratio > 1.1:
-            goal = min(level, max(best.mean, 0.005) * ratio)
-            state = self.advance(best, goal, FIDELITIES[0], 3)
+            share = min(1.0, max(best.mean, 0.005) * ratio / level)
+            state = self.advance(best, share * goal, FIDELITIES[0], 3)
             if not state.accepted:
                 state = self.merged(best, state)
             if state.accepted and state.mean > best.mean * 1.02:
                 best = state
-                share = np.log(best.mean / 0.005) / np.log(level / 0.005)
-                self.report(0.5 + 0.4 * float(np.clip(share, 0, 1)), f"w = {best.mean:.3g}")
+                done = np.log(best.mean / 0.005) / np.log(level / 0.005)
+                self.report(0.5 + 0.4 * float(np.clip(done, 0, 1)), f"w = {best.mean:.3g}")
             else:
                 ratio = np.sqrt(ratio)
         return best
@@ -396,22 +397,22 @@ def _polynomial_correction(
 def grow_shell(
     surface: PatchSurface,
     field: HarmonicField,
-    w0: float,
+    thickness: float | Thickness,
     *,
     layers: int = 2,
     degree_w: int = 3,
     spacing: Spacing | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> tuple[Shell, Certificate]:
-    """A certified shell up to the level ``w0``, or the thickest one that could be proved.
+    """A certified shell of the thickness asked, or the thickest one that could be proved.
 
     Parameters
     ----------
     surface : PatchSurface
         One that :func:`HybridVolume.core.front.check_surface` lets pass.
     field : HarmonicField
-    w0 : float
-        Level of the inner boundary, in (0, 1).
+    thickness : float or Thickness
+        A number is the level w0 of the inner boundary, in (0, 1).
     layers : int
         Bézier layers.
     degree_w : int
@@ -431,33 +432,36 @@ def grow_shell(
         When no shell at any thickness could be proved.
     """
     report = progress or (lambda share, text: None)
-    notes = []
     grower = _Grower(surface, field, degree_w, report)
-    level = field.largest_level(surface.genus, w0)
-    if level < 0.05 * w0:
+    if not isinstance(thickness, Thickness):
+        thickness = Thickness("w0", float(thickness))
+    goal, notes = goal_levels(thickness, surface, grower.frame, field)
+    asked, top = float(grower.area @ goal), float(goal.max())
+    level = field.largest_level(surface.genus, top)
+    if level < 0.05 * top:
         # the field is torn by necks at every level, but the columns cross them undisturbed
-        notes.append(f"no isosurface has the body's genus; the shell is drawn to w0 = {w0:.3g}")
-        level = w0
-    elif level < w0 * (1.0 - 1e-9):
+        notes.append(f"no isosurface has the body's genus; the shell is drawn to w0 = {top:.3g}")
+    elif level < top * (1.0 - 1e-9):
         notes.append(
-            f"the isosurface at w0 = {w0:.3g} has another genus than the body;"
+            f"the isosurface at w0 = {top:.3g} has another genus than the body;"
             f" the largest level with the right genus is {level:.3g}"
         )
+        goal = np.minimum(goal, level)
     report(0.1, f"isosurface has the body's genus up to w0 = {level:.3g}")
-    best = grower.from_front(level)
+    best = grower.from_front(goal)
     if best is None:
         notes.append("grown from a thin start")
-        best = grower.grow(level)
-    if best.mean < 0.9 * w0:
+        best = grower.grow(goal)
+    if best.mean < 0.9 * asked:
         notes.append(
-            f"w0 = {w0:.3g} was asked; the thickest shell that could be proved has a mean of"
+            f"w0 = {asked:.3g} was asked; the thickest shell that could be proved has a mean of"
             f" {best.mean:.3g}"
         )
     shell, certificate, spaced = _layered(grower, best, layers, spacing or Spacing())
     notes += spaced
     shell = replace(
         shell,
-        w0_asked=w0,
+        w0_asked=asked,
         w0=best.mean,
         w0_rms=best.rms,
         embedded=True,

@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""How thick the shell should be: a level of the field, or millimetres, and factors for faces."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..errors import FaultError, InputError
+from .front import ColumnFrame, solve_front
+from .harmonic import HarmonicField
+from .surface import PatchSurface
+from .thickness import HIGHEST, shell_thickness
+
+logger = logging.getLogger(__name__)
+
+LEVELS = (0.01, 0.99)
+"""Levels that may be asked for."""
+FACTORS = (0.05, 20.0)
+"""Factors of faces."""
+KINDS = ("w0", "even", "mean", "min")
+DEEPEST = 0.95
+"""The highest level that a thickness in mm or a factor leads to: near 1 elements are crushed."""
+CORRECTIONS = 3
+"""Solutions of the front by which levels are found that give an even thickness."""
+STEEPEST = 2.0
+"""Largest factor of one correction."""
+
+
+@dataclass(frozen=True)
+class Thickness:
+    """Thickness of a shell.
+
+    Attributes
+    ----------
+    kind : {"w0", "even", "mean", "min"}
+        One level of the harmonic field everywhere; the same number of mm everywhere; one level,
+        such that the mean, or the smallest, thickness is that many mm.
+    value : float
+        The level, or mm.
+    factors : mapping of str to float
+        By what the thickness is multiplied at a CAD face; 1 at faces that are not named.
+
+    Raises
+    ------
+    InputError
+        A value is out of its range.
+    """
+
+    kind: str = "w0"
+    value: float = 0.5
+    factors: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise InputError(
+                f"{self.kind!r} is no kind of thickness", remedy=f"use one of {', '.join(KINDS)}"
+            )
+        low, high = LEVELS
+        if self.kind == "w0" and not low <= self.value <= high:
+            raise InputError(
+                f"w0 is {self.value:g}",
+                remedy=f'choose a level from {low} to {high}, or a length such as "2 mm"',
+            )
+        if self.kind != "w0" and not 0.0 < self.value < np.inf:
+            raise InputError(
+                f"the thickness is {self.value:g} mm", remedy="choose a length above 0 mm"
+            )
+        for face, factor in self.factors.items():
+            low, high = FACTORS
+            if not low <= factor <= high:
+                raise InputError(
+                    f"the factor of {face} is {factor:g}",
+                    faces=[face],
+                    remedy=f"choose a factor from {low} to {high}",
+                )
+
+    @classmethod
+    def parse(cls, text: str, factors: Mapping[str, float] | None = None) -> Thickness:
+        """Read ``"0.5"``, ``"2 mm"``, ``"mean 2 mm"`` or ``"min 2 mm"``.
+
+        Raises
+        ------
+        InputError
+            It is none of them.
+        """
+        number = r"([0-9]*\.?[0-9]+(?:e[-+]?[0-9]+)?)"
+        found = re.fullmatch(rf"(mean|min)?\s*{number}\s*(mm)?", text.strip().lower())
+        if not found or (found[1] and not found[3]):
+            raise InputError(
+                f"{text!r} is no thickness",
+                remedy='give a level such as "0.5", or "2 mm", "mean 2 mm", "min 2 mm"',
+            )
+        kind = found[1] or ("even" if found[3] else "w0")
+        return cls(kind, float(found[2]), dict(factors or {}))
+
+    def __str__(self) -> str:
+        length = f"{self.value:g} mm"
+        words = {"w0": f"w0 = {self.value:.3g}", "even": length}
+        return words.get(self.kind, f"{self.kind} {length}")
+
+
+def goal_levels(
+    thickness: Thickness, surface: PatchSurface, frame: ColumnFrame, field: HarmonicField
+) -> tuple[np.ndarray, list[str]]:
+    """Level of the field that the inner surface should lie on at each control point.
+
+    Parameters
+    ----------
+    thickness : Thickness
+    surface : PatchSurface
+    frame : ColumnFrame
+    field : HarmonicField
+
+    Returns
+    -------
+    goal : (n,) array
+    notes : list of str
+        Where the body is too thin for what was asked.
+
+    Raises
+    ------
+    InputError
+        A factor is for a face that the body has not.
+    """
+    factor = _factors(thickness.factors, surface, frame)
+    if thickness.kind == "even":
+        goal = _even(thickness.value * factor, surface, frame, field)
+        thin = goal >= DEEPEST * (1.0 - 1e-9)
+        notes = []
+        if thin.any():
+            faces = _faces_of(surface, thin)
+            notes.append(
+                f"the body is less than twice {thickness} thick at {', '.join(faces)};"
+                " the shell stays thinner there"
+            )
+        return goal, notes
+    level = thickness.value if thickness.kind == "w0" else _level_for(thickness, surface, field)
+    notes = []
+    if thickness.kind != "w0" and level >= DEEPEST * (1.0 - 1e-9):
+        notes.append(f"the body is too thin for {thickness}; the shell is as thick as it can be")
+    goal = np.full(len(frame.nodes), level)
+    if thickness.factors:
+        goal = np.minimum(goal * factor, max(level, DEEPEST))
+    return goal, notes
+
+
+def _factors(factors: Mapping[str, float], surface: PatchSurface, frame: ColumnFrame) -> np.ndarray:
+    """Factor at every control point: between faces the geometric mean, evened out a little."""
+    unknown = sorted(set(factors) - {p.face for p in surface.patches})
+    if unknown:
+        raise InputError(
+            "the body has no such faces", faces=unknown, remedy="name faces of the body"
+        )
+    n = len(frame.nodes)
+    if not factors:
+        return np.ones(n)
+    total, count = np.zeros(n), np.zeros(n)
+    for patch in surface.patches:
+        points = np.unique(patch.index)
+        total[points] += np.log(factors.get(patch.face, 1.0))
+        count[points] += 1.0
+    return np.exp(frame.smooth(total / np.maximum(count, 1.0), 1))
+
+
+def _level_for(thickness: Thickness, surface: PatchSurface, field: HarmonicField) -> float:
+    """The level whose isosurface has the mean or the smallest distance asked, by bisection."""
+    low, high = 0.0, min(DEEPEST, field.largest_level(surface.genus, HIGHEST))
+    if high <= 0.0:
+        raise FaultError(
+            "no level of the harmonic field has the body's genus",
+            remedy="keep other sheets of the midstructure",
+        )
+    if shell_thickness(field, surface, high)[thickness.kind] <= thickness.value:
+        return high
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        if shell_thickness(field, surface, middle)[thickness.kind] < thickness.value:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+def _even(
+    length: np.ndarray, surface: PatchSurface, frame: ColumnFrame, field: HarmonicField
+) -> np.ndarray:
+    """Levels at which the solved front stands off the surface by given lengths.
+
+    The first guess takes w as linear on the way to the midstructure; then the front is solved and
+    the levels are corrected by the lengths that it gives.
+    """
+    middle = cKDTree(field.mesh.vertices[field.fixed])
+    way = np.maximum(middle.query(frame.nodes)[0], 1e-12 * surface.diagonal)
+    goal = np.clip(length / way, LEVELS[0], DEEPEST)
+    for _ in range(CORRECTIONS):
+        reached = frame.mean_normal_length(solve_front(surface, frame, field, goal))
+        ratio = length / np.maximum(reached, 1e-12 * surface.diagonal)
+        ratio = np.clip(ratio, 1.0 / STEEPEST, STEEPEST)
+        logger.info("even thickness: off by up to %.3g times", np.exp(np.abs(np.log(ratio))).max())
+        goal = np.clip(goal * np.exp(frame.smooth(np.log(ratio), 1)), LEVELS[0], DEEPEST)
+    return goal
+
+
+def _faces_of(surface: PatchSurface, points: np.ndarray) -> list[str]:
+    """Faces on most of whose control points something is the case."""
+    names = [p.face for p in surface.patches if points[np.unique(p.index)].mean() > 0.3]
+    return sorted(set(names), key=lambda name: (len(name), name))

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""Thickness of the shell in mm and by faces, measured on the finished shell."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import bodies
+import numpy as np
+import pytest
+
+from HybridVolume.core.assembly import build_surface
+from HybridVolume.core.goals import Thickness
+from HybridVolume.core.growth import grow_shell
+from HybridVolume.core.harmonic import HarmonicField, solve_harmonic
+from HybridVolume.core.midstructure import medial_axis
+from HybridVolume.core.refinement import flatten_spans
+from HybridVolume.core.surface import PatchSurface
+from HybridVolume.core.thickness import distance_to_triangles, surface_places
+from HybridVolume.errors import InputError
+
+BODIES = {
+    "box": bodies.box((3.0, 2.0, 1.0), (6, 4, 2)),
+    "sphere": bodies.sphere(spans=2),
+    "torus": bodies.torus(),
+}
+
+
+@cache
+def problem(name: str) -> tuple[PatchSurface, HarmonicField]:
+    surface = flatten_spans(build_surface(list(BODIES[name].faces)))
+    return surface, solve_harmonic(surface, medial_axis(surface))
+
+
+def distances(name: str, thickness: Thickness) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Distance from places of the surface to the inner boundary, their areas and patches."""
+    surface, field = problem(name)
+    shell, certificate = grow_shell(surface, field, thickness)
+    assert certificate.all_valid
+    inner = shell.inner_surface().triangulation(6)
+    points, area, patch = surface_places(surface, 6000)
+    return distance_to_triangles(points, inner.vertices, inner.triangles), area, patch
+
+
+@pytest.mark.parametrize(("name", "length"), [("sphere", 0.3), ("torus", 0.25)])
+def test_the_same_number_of_mm_everywhere_on_round_bodies(name, length):
+    distance, _, _ = distances(name, Thickness.parse(f"{length} mm"))
+    assert np.percentile(distance, [5, 95]) == pytest.approx([length] * 2, rel=0.12)
+    assert np.median(distance) == pytest.approx(length, rel=0.05)
+
+
+def test_the_same_number_of_mm_on_a_box_away_from_its_edges():
+    surface, _ = problem("box")
+    distance, _, _ = distances("box", Thickness.parse("0.2 mm"))
+    points, _, _ = surface_places(surface, 6000)
+    # how far a place of a face is from the nearest edge of the box 3x2x1
+    low = np.minimum(points - points.min(axis=0), points.max(axis=0) - points)
+    inside = np.sort(low, axis=1)[:, 1] > 0.3
+    assert inside.any()
+    # the knot spans are .5 wide, so the corner of the inner boundary reaches far
+    assert np.median(distance[inside]) == pytest.approx(0.2, rel=0.05)
+    assert np.percentile(distance[inside], [2, 90]) == pytest.approx([0.2, 0.2], rel=0.2)
+
+
+@pytest.mark.parametrize("kind", ["mean", "min"])
+def test_mean_and_smallest_thickness(kind):
+    distance, area, _ = distances("torus", Thickness.parse(f"{kind} 0.3 mm"))
+    found = np.average(distance, weights=area) if kind == "mean" else distance.min()
+    assert found == pytest.approx(0.3, rel=0.1)
+
+
+def test_a_factor_makes_the_shell_thinner_at_its_face_only():
+    surface, _ = problem("box")
+    face = surface.patches[0].face
+    even, _, patch = distances("box", Thickness("w0", 0.4))
+    less, _, _ = distances("box", Thickness("w0", 0.4, {face: 0.5}))
+    ratio = [np.median(less[patch == k]) / np.median(even[patch == k]) for k in (0, 1)]
+    assert ratio[0] < 0.8
+    assert ratio[1] == pytest.approx(1.0, abs=0.05)
+
+
+def test_too_much_for_the_body_is_said():
+    surface, field = problem("box")
+    shell, _ = grow_shell(surface, field, Thickness.parse("0.8 mm"))
+    assert any("less than twice 0.8 mm" in note for note in shell.notes)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "0", "1.5", "-1 mm", "0 mm", "mean 0.5", "2 inch", "max 2 mm"]
+)
+def test_what_is_no_thickness_is_refused(text):
+    with pytest.raises(InputError):
+        Thickness.parse(text)
+
+
+def test_factors_are_for_faces_that_there_are():
+    surface, field = problem("box")
+    with pytest.raises(InputError, match="no such faces") as found:
+        grow_shell(surface, field, Thickness("w0", 0.3, {"Face77": 2.0}))
+    assert found.value.faces == ("Face77",) or list(found.value.faces) == ["Face77"]
+    with pytest.raises(InputError, match="Face1"):
+        Thickness("w0", 0.3, {"Face1": 0.0})
