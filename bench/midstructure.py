@@ -2,9 +2,9 @@
 # SPDX-FileCopyrightText: The HybridVolume authors
 """Seconds of the medial axis, of a choice and of the hints, for several numbers of samples.
 
-``/usr/bin/python3 bench/midstructure.py [--samples 5000 10000 20000 50000] [--runs 3]``: medians,
-and each in units of the one before. The fandisk is read by FreeCAD; all is measured in the worker's
-environment. ``OMP_NUM_THREADS=1`` makes runs comparable.
+``/usr/bin/python3 bench/midstructure.py [--samples 5000 10000 20000 50000] [--runs 3]``: medians
+of the processor's seconds, and each in units of the one before. The fandisk is read by FreeCAD; all
+is measured in the worker's environment. ``OMP_NUM_THREADS=1`` makes runs comparable.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from HybridVolume.freecad_python import import_freecad  # noqa: E402
 from HybridVolume.job import worker_python  # noqa: E402
 
 MADE = ("box", "bracket", "cylinder")
-WHAT = ("medial_axis", "choose", "hints")
+WHAT = ("medial_axis_cpu", "choose_cpu", "hints_cpu")
 
 
 def main() -> int:

@@ -126,8 +126,12 @@ def timing(rows: Sequence[Mapping[str, Any]]) -> str:
     """Seconds, a line each."""
     lines = [
         f"- {row['body']}: medial axis of {row['samples'] / 1000:g}k samples: "
-        f"{row['medial_axis']:.2f} s; choose(): {row['choose']:.3f} s; hints(): "
-        f"{row['hints']:.3f} s ({row['facets']} facets, {row['sheets']} sheets)"
+        f"{_spent(row, 'medial_axis', 2)}; choose(): {_spent(row, 'choose', 3)}; hints(): "
+        f"{_spent(row, 'hints', 3)} ({row['facets']} facets, {row['sheets']} sheets)"
         for row in rows
     ]
     return "\n".join(lines) + "\n"
+
+
+def _spent(row: Mapping[str, Any], what: str, digits: int) -> str:
+    return f"{row[what]:.{digits}f} s ({row[f'{what}_cpu']:.{digits}f} s of the processor)"
