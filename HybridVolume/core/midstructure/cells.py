@@ -23,9 +23,12 @@ NOISE_SQUARES = 4.0
 SPECK = 1e-3
 # Smallest object angle between opposite faces, degrees.
 OPPOSITE = 125.0
-# A cell is a ridge when no neighbour within its radius is larger than by this factor.
+# A smaller ball, in sample spacings, is no reason to keep anything.
+RESOLVED = 2.5
+# A cell is a ridge when no ball within so many of its radii is larger both by this factor and by
+# this slope; the sheet of a convex right angle rises by 0.7.
+AROUND = 1.5
 RIDGE = 1.12
-# Nor by this much for its distance; the sheet of a convex right angle rises by 0.7.
 SLOPE = 0.3
 # Side of the cubes in which balls are looked for, in radii.
 CUBE = 0.16
@@ -126,30 +129,33 @@ class Cells:
 
     def ridges(self) -> np.ndarray:
         """Candidates of the largest balls around; the balls of noise count for that as well."""
-        some = np.flatnonzero(self.candidate & (self.radius > 4.0 * self.spacing))
+        some = np.flatnonzero(self.candidate & (self.radius > RESOLVED * self.spacing))
         if not len(some):
             some = np.flatnonzero(self.candidate)
+        raw = self.raw
+        centre = np.concatenate([self.centre[some], raw.balls])
+        radius = np.concatenate([self.radius[some], raw.ball_radius])
         # one representative, the largest ball, in every cube of a part of the radius
-        centre = self.centre - self.centre.mean(axis=0)
-        level = np.floor(np.log2(self.radius))
-        place = np.floor(centre / (CUBE * 2.0**level)[:, None])
+        level = np.floor(np.log2(np.maximum(radius, np.finfo(float).tiny)))
+        place = np.floor((centre - self.centre.mean(axis=0)) / (CUBE * 2.0**level)[:, None])
         key = np.column_stack([level, place]).astype(np.int64) @ HASH
         _, label = np.unique(key, return_inverse=True)
-        order = np.lexsort([-self.radius, label])
+        order = np.lexsort([-radius, label])
         first = order[np.unique(label[order], return_index=True)[1]]
-        centre, radius = self.centre[first], self.radius[first]
-        asked = np.unique(label[some])
-        around = cKDTree(centre).query_ball_point(centre[asked], radius[asked])
+        asked = np.unique(label[: len(some)])
+        ask, size = centre[first[asked]], radius[first[asked]]
+        rivals = first[radius[first] > size.min()]
+        around = cKDTree(centre[rivals]).query_ball_point(ask, AROUND * size)
         count = np.array([len(a) for a in around])
-        flat = np.concatenate([np.asarray(a, dtype=int) for a in around])
-        start = np.concatenate([[0], np.cumsum(count)[:-1]])
-        away = np.linalg.norm(centre[flat] - np.repeat(centre[asked], count, axis=0), axis=1)
+        flat = rivals[np.concatenate([np.asarray(a, dtype=np.int64) for a in around])]
+        away = np.linalg.norm(centre[flat] - np.repeat(ask, count, axis=0), axis=1)
         # a tapered bar has its ridge all along
         larger = np.minimum(radius[flat] / RIDGE, radius[flat] - SLOPE * away)
         summit = np.zeros(len(first))
-        summit[asked] = np.maximum.reduceat(larger, start)
+        owner = np.repeat(asked, count)
+        np.maximum.at(summit, owner, larger)
         result = np.zeros(len(self.candidate), dtype=bool)
-        result[some[self.radius[some] >= summit[label[some]]]] = True
+        result[some[self.radius[some] >= summit[label[: len(some)]]]] = True
         return result
 
     def parts(self) -> np.ndarray:

@@ -12,7 +12,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from .cells import NOISE_SQUARES, OPPOSITE
+from .cells import NOISE_SQUARES, OPPOSITE, RESOLVED
 from .sheets import Decision, Figures, Midstructure
 
 # Share of the largest radius of its sheet from which on a facet in an acute edge is kept.
@@ -240,7 +240,10 @@ def automatic(figures: Figures, angle: float, minimum_size: float) -> np.ndarray
     size = figures.area / radius**2
     good = large & (np.bincount(whole[large], size[large], len(large)) >= minimum_size)[whole]
     code[kept & ~good] = REASONS.index(SMALL)
-    code[_lonely_ridges(figures, good) & ~acute] = REASONS.index(RIDGE)
+    # the thin part of an acute edge is left out on purpose
+    code[_lonely_ridges(figures, good, good | acute)] = REASONS.index(RIDGE)
+    if not (code < REASONS.index(EDGE)).any():
+        code[radius >= (1.0 - 1e-9) * radius.max()] = REASONS.index(RIDGE)
     return code
 
 
@@ -271,14 +274,13 @@ def _enough(part: np.ndarray, use: np.ndarray, squares: np.ndarray) -> np.ndarra
     return (np.bincount(part[use], squares[use], len(part)) > NOISE_SQUARES)[part]
 
 
-def _lonely_ridges(figures: Figures, kept: np.ndarray) -> np.ndarray:
-    """Cells of the largest balls around, where no kept cell is within reach of their radius."""
+def _lonely_ridges(figures: Figures, kept: np.ndarray, covered: np.ndarray) -> np.ndarray:
+    """Cells of the largest balls around, where no covered cell is within reach of their radius."""
     ridge = figures.ridge & ~kept
     if not kept.any():
-        return ridge
-    # too few samples around a small ball: it is no reason to keep anything
-    some = np.flatnonzero(ridge & (figures.radius > 4.0 * figures.spacing))
-    tree = cKDTree(figures.centre[kept], balanced_tree=False)
+        return ridge & ~covered if (ridge & ~covered).any() else ridge
+    some = np.flatnonzero(ridge & (figures.radius > RESOLVED * figures.spacing))
+    tree = cKDTree(figures.centre[covered], balanced_tree=False)
     reach = REACH * figures.radius[some]
     distance = tree.query(figures.centre[some], distance_upper_bound=reach.max(initial=0.0))[0]
     result = np.zeros(len(ridge), dtype=bool)

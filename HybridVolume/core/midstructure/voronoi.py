@@ -35,6 +35,10 @@ class VoronoiFacets:
         Pairs of facets that share a Voronoi edge.
     edge : (e,) int array
         Number of that Voronoi edge; three facets meet where it occurs three times.
+    balls : (b, 3) array
+        Centres of all largest empty balls inside, those of noise as well, mm.
+    ball_radius : (b,) array
+        Their radii, mm.
     """
 
     vertices: np.ndarray
@@ -44,6 +48,8 @@ class VoronoiFacets:
     feet: np.ndarray
     edges: np.ndarray
     edge: np.ndarray
+    balls: np.ndarray
+    ball_radius: np.ndarray
 
 
 def circumcentres(points: np.ndarray, tets: np.ndarray) -> np.ndarray:
@@ -103,7 +109,17 @@ def interior_facets(samples: Samples, min_angle: float, seed: int = 0) -> Vorono
     touching = points[tets[vertices]]
     radius = np.linalg.norm(centres[vertices][:, None] - touching, axis=2).mean(axis=1)
     shared, which = _shared_edges(tets, feet, tet, edge, n)
-    return VoronoiFacets(centres[vertices] + origin, radius, start, corners, feet, shared, which)
+    return VoronoiFacets(
+        centres[vertices] + origin,
+        radius,
+        start,
+        corners,
+        feet,
+        shared,
+        which,
+        centres[inside] + origin,
+        np.linalg.norm(centres[inside] - points[tets[inside, 0]], axis=1),
+    )
 
 
 def _rings(
