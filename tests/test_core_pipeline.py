@@ -160,6 +160,16 @@ def test_all_goals_go_by_the_same_midstructure():
     assert told["midstructure"]["pieces"] == 1 and told["midstructure"]["unreached"] == []
 
 
+def test_corners_far_from_the_midstructure_still_move():
+    """All eight control points are corners, and no level of .5 lies straight inward of them."""
+    surface = build_surface(list(bodies.box((4.0, 2.0, 1.0), (1, 1, 1), 1).faces))
+    corners = np.array([[1, 0.5, 0.5], [3, 0.5, 0.5], [3, 1.5, 0.5], [1, 1.5, 0.5]])
+    plate = (corners, np.array([[0, 1, 2], [0, 2, 3]]))
+    volume = complete(surface, Options(midstructure="own"), own=plate)
+    assert volume.midstructure.area == pytest.approx(2.0)
+    assert volume.certificate.all_valid and volume.shell.w0 > 0.4
+
+
 def test_decisions_that_leave_nothing_are_refused_with_the_sheets_names():
     surface = plain_box()
     (middle,) = [

@@ -303,7 +303,9 @@ def solve_front(
             behind = ~inside | (w < LAGGING * goal)
             if not behind.any():
                 break
-            lengths[behind] = _ray_lengths(field, frame, behind, goal[behind], diagonal)
+            lengths[behind] = _ray_lengths(
+                field, frame, behind, goal[behind], diagonal, highest=bool(behind.all())
+            )
         ray = np.isfinite(lengths)
         for _ in range(ITERATIONS + 6 if step == LEVELS else ITERATIONS):
             w, gradient, inside = field.evaluate(frame.nodes + displacement)
@@ -335,8 +337,14 @@ def _ray_lengths(
     chosen: np.ndarray,
     level: np.ndarray,
     diagonal: float,
+    *,
+    highest: bool,
 ) -> np.ndarray:
-    """Distance from nodes along their inward directions to their levels; nan if not met."""
+    """Distance from nodes along their inward directions to their levels; nan if not met.
+
+    With ``highest`` to the highest place on the way instead: where all nodes are corners far from
+    the midstructure, there is no other node to follow.
+    """
     nodes, direction = frame.nodes[chosen], frame.direction[chosen]
     shares = np.geomspace(1e-3, 1.0, 80) * diagonal
     places = nodes[:, None] + shares[:, None] * direction[:, None]
@@ -353,6 +361,10 @@ def _ray_lengths(
     low, high = w[index, before], w[index, first]
     share = np.clip((level - low) / np.maximum(high - low, 1e-12), 0.0, 1.0)
     length = shares[before] + share * (shares[first] - shares[before])
+    if highest:
+        run = np.logical_and.accumulate(inside, axis=1)
+        best = shares[np.where(run, w, -np.inf).argmax(axis=1)]
+        return np.where(ok, length, np.where(run[:, 0], best, np.nan))
     return np.where(ok, length, np.nan)
 
 
