@@ -179,6 +179,19 @@ def test_thin_plate_without_its_sheet():
     assert region.distance > 3.0
 
 
+def test_a_corner_of_large_faces_is_named_by_them():
+    # a line along one end of a square plate: the other end is far away
+    points = np.stack(np.meshgrid(*[np.linspace(0.25, 9.75, 20)] * 2), axis=-1).reshape(-1, 2)
+    points = np.column_stack([np.vstack([points, points]), np.repeat([0.5, -0.5], 400)])
+    line = own([[0.5, 0, 0], [0.5, 10, 0]], [[0, 1, 1]], 0.5, points, 0.5)
+    line = replace(line, faces=("Face1", "Face2"), probe_patch=np.repeat([0, 1], 400))
+    (region,) = hints(line).unreached
+    assert region.faces == ("Face1", "Face2")
+    # beyond 2.5 half thicknesses, 1.25 mm, from the line
+    assert region.share == pytest.approx(0.83, abs=0.05)
+    assert region.distance == pytest.approx(np.hypot(9.25, 0.5), rel=1e-3)
+
+
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
 def test_scale_changes_lengths_only(scale):
     body = thin_bracket()

@@ -301,20 +301,27 @@ def _unreached(midstructure: Midstructure, distance: np.ndarray) -> tuple[Unreac
     regions = []
     for part in np.unique(label):
         members = far[label == part]
-        faces, share = _faces(midstructure, members), len(members) / len(points)
-        if len(members) >= _FEWEST and (faces or share > _LARGE):
+        share = len(members) / len(points)
+        faces, clear = _faces(midstructure, members)
+        if len(members) >= _FEWEST and (clear or share > _LARGE):
             regions.append(Unreached(faces, share, float(distance[members].max())))
     return tuple(sorted(regions, key=lambda region: -region.share))
 
 
-def _faces(midstructure: Midstructure, members: np.ndarray) -> tuple[str, ...]:
-    """Faces with a good share of their own probes among these."""
+def _faces(midstructure: Midstructure, members: np.ndarray) -> tuple[tuple[str, ...], bool]:
+    """Faces with a good share of their own probes among these, and whether there are any.
+
+    Otherwise those that have a good share of these probes.
+    """
     if midstructure.probe_patch is None or not midstructure.faces:
-        return ()
+        return (), False
     names, number = np.unique(np.asarray(midstructure.faces), return_inverse=True)
     number = number.ravel()[midstructure.probe_patch]
-    share = np.bincount(number[members], minlength=len(names)) / np.maximum(
-        np.bincount(number, minlength=len(names)), 1
-    )
-    found = [str(names[k]) for k in np.flatnonzero(share >= _FACE_SHARE)]
-    return tuple(sorted(found, key=lambda name: (len(name), name)))
+    mine = np.bincount(number[members], minlength=len(names))
+    every = np.bincount(number, minlength=len(names))
+    good = mine >= _FACE_SHARE * np.maximum(every, 1)
+    clear = bool(good.any())
+    if not clear:
+        good = mine >= _FACE_SHARE * len(members)
+    found = [str(names[k]) for k in np.flatnonzero(good)]
+    return tuple(sorted(found, key=lambda name: (len(name), name))), clear
