@@ -7,11 +7,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from .collapse import Graph
+from .collapse import SHEET, Graph
 
-# A branch sticks out of the ball at its fork by this much of the local radius, or it is spurious.
-STICKS_OUT = 1.0
+# A branch sticks out of the balls around the others by this much of the local radius, or of the way
+# that the fire took from the rim of a sheet, or it is spurious.
+STICKS_OUT = 1.2
 # Shortened branches grow back while the radius stays above this share.
 THINNEST = 0.75
 # Forks nearer to each other than this share of the radius are one.
@@ -84,6 +86,7 @@ def _prune(
     branches: dict[int, tuple[float, list[int]]] = {}
 
     def judge(end: int) -> None:
+        """Find the branch at an end, and how far it sticks out of the balls of all the rest."""
         path = [end]
         here = next(iter(around[end]))
         previous = end
@@ -96,17 +99,24 @@ def _prune(
         if len(around[here]) == 1:
             branches.pop(end, None)
             return
-        out = float(np.linalg.norm(points[end] - points[here])) + depth[end] - depth[here]
-        size = max(float(scale[end]), float(np.median(times)))
-        branches[end] = (out / size, [*path, here])
+        rest = np.array(list(around.keys() - set(path)))
+        far, near = cKDTree(points[rest]).query(points[path])
+        out = far + depth[path] - depth[rest[near]]
+        size = np.maximum(scale[path], SHEET * np.median(times))
+        branches[end] = (float((out / size).max()), [*path, here])
 
     for end in [v for v, others in around.items() if len(others) == 1]:
         judge(end)
     while branches:
         end = min(branches, key=lambda v: (branches[v][0], v))
-        significance, path = branches.pop(end)
-        if significance >= STICKS_OUT:
+        judged = branches[end][0]
+        if judged >= STICKS_OUT:
             break
+        # what covered this branch may be gone
+        judge(end)
+        if end not in branches or branches[end][0] > judged * 1.001:
+            continue
+        _, path = branches.pop(end)
         for one, two in zip(path[:-1], path[1:], strict=True):
             del around[one][two], around[two][one]
         for v in path[:-1]:

@@ -50,11 +50,13 @@ def centred(
     vertices, edges, branch = raw
     neighbours = _neighbours(len(vertices), edges)
     ends = np.asarray(neighbours.sum(axis=1)).ravel() == 1
+    tips = _tips(neighbours, ends)
     for k in range(8):
         for _ in range(4 if k < 5 else 1):
             vertices = np.where(ends[:, None], vertices, _smoothed(vertices, neighbours))
         radius = distance(vertices)
         vertices = _drawn(distance, vertices, _tangents(vertices, edges), radius, 2, 0.3 * 0.6**k)
+        vertices[tips[:, 0]] = _straight(vertices, tips)
     vertices = np.where(ends[:, None], vertices, _smoothed(vertices, neighbours))
     if _leaves(distance, vertices, edges):
         vertices = raw[0]
@@ -93,6 +95,26 @@ def _combed(path: np.ndarray) -> np.ndarray:
         inner = 0.25 * path[:-2] + 0.5 * path[1:-1] + 0.25 * path[2:]
         path = np.concatenate([path[:1], inner, path[-1:]])
     return path
+
+
+def _tips(neighbours: csr_matrix, ends: np.ndarray) -> np.ndarray:
+    """Each end with the two vertices before it, (k, 3); not where a fork is so near."""
+    rows = []
+    degree = np.diff(neighbours.indptr)
+    for end in np.flatnonzero(ends):
+        one = neighbours.indices[neighbours.indptr[end]]
+        if degree[one] == 2:
+            two = neighbours.indices[neighbours.indptr[one] : neighbours.indptr[one + 1]]
+            rows.append((end, one, int(two[two != end][0])))
+    return np.array(rows, dtype=np.int64).reshape(-1, 3)
+
+
+def _straight(vertices: np.ndarray, tips: np.ndarray) -> np.ndarray:
+    """Ends along the line before them: beside an end face nothing tells where the middle is."""
+    end, one, two = (vertices[tips[:, k]] for k in range(3))
+    way = one - two
+    way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), np.finfo(float).tiny)
+    return one + np.einsum("ki,ki->k", end - one, way)[:, None] * way
 
 
 def _neighbours(count: int, edges: np.ndarray) -> csr_matrix:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..tetmesh.mesh import EDGES, FACES, row_keys
+from ..tetmesh.mesh import FACES, row_keys
 
 # A face burns with the front of the fire where it faces the surface, up to this cosine on average.
 # Through other faces the fire must not rush: it would eat a thin layer from the side.
@@ -27,6 +27,8 @@ SHALLOW = 0.6
 # a slower fire would never catch up with the front that runs ahead of it.
 SPEED = 1.5
 EDGE_SPEED = 3.0
+# A branch in a sheet is to be as long as this share of the time that the sheet took to burn.
+SHEET = 0.4
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,11 @@ class _Fire:
         self.face_edges = inverse.reshape(-1, 3)
         self.length = np.linalg.norm(points[self.pairs[:, 0]] - points[self.pairs[:, 1]], axis=1)
         self.scale = scale[self.pairs].max(axis=1)
-        self.corner_sum = triangles.sum(axis=1)
+        x = points[triangles]
+        double_area = np.linalg.norm(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]), axis=1)
+        # over the length of a side this is the time to burn a triangle from there: half the height,
+        # for a layer of a sheet takes two, one that points forwards and one that points back
+        self.height = 0.5 * double_area / SPEED
         # all around have burnt when the deepest corner is reached; of several free faces of one
         # tetrahedron the shallowest goes first
         self.tet_time = depth[tets].max(axis=1)
@@ -116,7 +122,7 @@ class _Fire:
         self.deep_face = deep[triangles].any(axis=1)
         self.wait = _waits(points, inward, tets)
         self.wait[~deep[tets].any(axis=1)] = 0.0
-        self.points, self.count = points, n
+        self.count = n
 
     @staticmethod
     def _cofaces(of: np.ndarray, size: int) -> tuple[list[int], list[int]]:
@@ -133,10 +139,9 @@ class _Fire:
         tet_faces, face_edges = self.tet_faces.tolist(), self.face_edges.tolist()
         pairs, length, scale = self.pairs.tolist(), self.length.tolist(), self.scale.tolist()
         tet_time, face_bias = self.tet_time.tolist(), self.face_bias.tolist()
-        corner_sum, points = self.corner_sum.tolist(), self.points.tolist()
+        height = self.height.tolist()
         deep_edge, deep_face = self.deep_edge.tolist(), self.deep_face.tolist()
         wait = self.wait.tolist()
-        arrival = [np.inf] * self.count
         alone_since = [0.0] * edges
         face_lives, edge_lives, kept = [True] * faces, [True] * edges, [False] * edges
         fuel: dict[int, tuple[float, int]] = {}
@@ -152,14 +157,8 @@ class _Fire:
         def free_edge(e: int) -> None:
             """Time of burning of the triangle at an edge that has no other one."""
             f = face_sum[e]
-            reached = now
-            if deep_face[f]:
-                u, v = pairs[e]
-                w = corner_sum[f] - u - v
-                arrival[u] = min(arrival[u], now)
-                arrival[v] = min(arrival[v], now)
-                reached = min(arrival[w], _front(points, arrival, u, v, w))
-            push(heap, (max(now, reached), 1, e))
+            late = height[f] / length[e] if deep_face[f] else 0.0
+            push(heap, (now + late, 1, e))
 
         def free_vertex(v: int) -> None:
             if edges_at[v] == 1 and faces_at[edge_sum[v]] == 0:
@@ -203,13 +202,10 @@ class _Fire:
                 if not edge_lives[cell] or faces_at[cell] != 1:
                     continue
                 f = face_sum[cell]
-                u, v = pairs[cell]
-                w = corner_sum[f] - u - v
-                arrival[w] = min(arrival[w], now)
                 face_lives[f] = False
                 without_face(f, cell)
                 edge_lives[cell] = False
-                for x in (u, v):
+                for x in pairs[cell]:
                     edges_at[x] -= 1
                     edge_sum[x] -= cell
                     free_vertex(x)
@@ -220,7 +216,7 @@ class _Fire:
                 since = alone_since[e]
                 if kept[e]:
                     continue
-                if EDGE_SPEED * (now - since) > lasting * max(scale[e], since):
+                if EDGE_SPEED * (now - since) > lasting * max(scale[e], SHEET * since):
                     kept[e] = True
                     continue
                 u, v = pairs[e]
@@ -255,32 +251,3 @@ def _waits(points: np.ndarray, inward: np.ndarray, tets: np.ndarray) -> np.ndarr
     height = np.einsum("mfi,mfi->mf", normal, x[:, :, 0] - points[tets]) / size
     facing = np.einsum("mfi,mfi->mf", normal, -inward[corners].mean(axis=2)) > FACING * size
     return np.where(facing, 0.0, height / SPEED)
-
-
-def _front(points: list, arrival: list, u: int, v: int, w: int) -> float:
-    """When a straight fire front over the edge u, v comes to w."""
-    a, b, c = points[u], points[v], points[w]
-    uv = (b[0] - a[0], b[1] - a[1], b[2] - a[2])
-    uw = (c[0] - a[0], c[1] - a[1], c[2] - a[2])
-    vw = (c[0] - b[0], c[1] - b[1], c[2] - b[2])
-    base2 = uv[0] * uv[0] + uv[1] * uv[1] + uv[2] * uv[2]
-    side2 = uw[0] * uw[0] + uw[1] * uw[1] + uw[2] * uw[2]
-    other2 = vw[0] * vw[0] + vw[1] * vw[1] + vw[2] * vw[2]
-    along = (uv[0] * uw[0] + uv[1] * uw[1] + uv[2] * uw[2]) / base2
-    height = max(side2 - along * along * base2, 0.0) ** 0.5
-    from_u, from_v = arrival[u], arrival[v]
-    slope = SPEED * (from_v - from_u) / base2**0.5
-    if -1.0 < slope < 1.0:
-        # the front's direction in the plane: its foot on the edge must lie between u and v
-        steep = (1.0 - slope * slope) ** 0.5
-        foot = along - slope / steep * height / base2**0.5
-        if 0.0 <= foot <= 1.0:
-            return from_u + along * (from_v - from_u) + steep * height / SPEED
-    return min(from_u + side2**0.5 / SPEED, from_v + other2**0.5 / SPEED)
-
-
-def whole_edges(tets: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Edges of tetrahedra, (e, 2), and the six of each, (m, 6)."""
-    pairs = tets[:, EDGES].reshape(-1, 2)
-    _, first, inverse = np.unique(row_keys(pairs, count), return_index=True, return_inverse=True)
-    return pairs[first], inverse.reshape(-1, 6)
