@@ -234,3 +234,45 @@ def test_holes_and_missing_handles_are_mended():
     gap = np.abs(np.arctan2(centre[:, 1], centre[:, 0])) < 0.5
     field = solve_harmonic(surface_of("torus"), replace(m, kept=m.kept & ~gap), tets=20_000)
     assert field.largest_level((1,), 0.9) == pytest.approx(0.9)
+
+
+def shell_of_a_box(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    corners = np.array([np.where(bits, high, low) for bits in np.ndindex(2, 2, 2)])
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return corners, np.array([q[:3] for q in quads] + [(q[0], q[2], q[3]) for q in quads])
+
+
+DRAWN = {
+    "line": ([[0.6, 1, 0.5], [3.4, 1, 0.5]], [[0, 1, 1]]),
+    "points": ([[1, 1, 0.5], [3, 1, 0.5]], [[0, 0, 0], [1, 1, 1]]),
+    "rectangle": ([[0.5, 0.5, 0.5], [3.5, 0.5, 0.5], [3.5, 1.5, 0.5], [0.5, 1.5, 0.5]],
+                  [[0, 1, 2], [0, 2, 3]]),
+    "crossing": ([[0.5, 0.5, 0.5], [3.5, 0.5, 0.5], [3.5, 1.5, 0.5], [0.5, 1.5, 0.5],
+                  [1, 1, 0.2], [3, 1, 0.2], [3, 1, 0.8], [1, 1, 0.8]],
+                 [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]),
+    "closed": shell_of_a_box(np.array([0.5, 0.5, 0.3]), np.array([3.5, 1.5, 0.7])),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", list(DRAWN))
+def test_what_a_user_draws_in_a_box(name):
+    """Lines, points, large triangles, crossing ones and a closed surface in a box of 4x2x1 mm."""
+    vertices, facets = (np.asarray(part) for part in DRAWN[name])
+    vertices = vertices.astype(float)
+    m = midstructure_of(vertices, facets, 1.0)
+    radius = np.minimum(vertices, np.array([4.0, 2.0, 1.0]) - vertices).min(axis=1)
+    m = replace(m, radius=radius, method="own")
+    field = solve_harmonic(surface_of("box"), m, tets=10_000)
+    check_field(field)
+    assert field.embedded
+    share = np.random.default_rng(0).dirichlet(np.ones(3), size=(300, len(facets)))
+    points = np.einsum("sfk,fki->sfi", share, vertices[facets]).reshape(-1, 3)
+    w, _, inside = field.evaluate(points)
+    # lines and points are balls, which tetrahedra only resemble
+    assert inside.all() and w.min() > (0.95 if name in ("line", "points") else 0.999)
+    assert field.isosurface_genus(0.5) == (0,)
+    assert field.largest_level((0,), 0.9) == pytest.approx(0.9)
+    if name == "closed":
+        within = np.random.default_rng(1).uniform(vertices.min(axis=0), vertices.max(axis=0),
+                                                  (1000, 3))  # fmt: skip
+        assert field.evaluate(within)[0].min() > 0.999

@@ -22,8 +22,9 @@ from .adaptive_triangulation import (
 )
 from .intersection import self_intersections
 from .midstructure import Midstructure
+from .midstructure.given import spread
 from .midstructure.pieces import in_pieces
-from .midstructure.resample import Complex, resample, spread
+from .midstructure.resample import Complex, resample
 from .surface import PatchSurface
 from .tetmesh import CONFORMING, TetMesh, available_engines, fill
 from .tetmesh.carve import carve

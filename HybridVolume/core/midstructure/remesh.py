@@ -10,15 +10,13 @@ on their curve, and corners, where curves end, branch or turn sharply, stay wher
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ..tetmesh.mesh import row_keys
-
-SIDES = np.array([[0, 1], [1, 2], [2, 0]])
+from .shapes import Edges, normals, opening_sides, shape, smallest_angles
 
 # In units of the wanted length: edges beyond these are split or collapsed.
 LONG, SHORT = 1.4, 0.72
@@ -26,95 +24,6 @@ LONG, SHORT = 1.4, 0.72
 CREASE = 35.0
 # Normals turn by no more than this in one step, as a cosine.
 TURN = 0.6
-
-
-def shape(x: np.ndarray) -> np.ndarray:
-    """1 for equilateral triangles, 0 for flat ones; (f,), from corners (f, 3, 3)."""
-    sides = x[:, [1, 2, 0]] - x
-    twice = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-    return twice * 2.0 * np.sqrt(3.0) / np.maximum((sides**2).sum(axis=(1, 2)), 1e-300)
-
-
-def normals(x: np.ndarray) -> np.ndarray:
-    """Unit normals, (f, 3), from corners (f, 3, 3); zero for triangles without area."""
-    normal = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
-    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-
-
-def smallest_angles(x: np.ndarray) -> np.ndarray:
-    """Smallest angle of each triangle, (f,), degrees, from corners (f, 3, 3)."""
-    sides = x[:, [1, 2, 0]] - x
-    length = np.maximum(np.linalg.norm(sides, axis=2), 1e-300)
-    cosine = -np.einsum("fki,fki->fk", sides, np.roll(sides, 1, axis=1))
-    cosine /= length * np.roll(length, 1, axis=1)
-    return np.degrees(np.arccos(np.clip(cosine.max(axis=1), -1.0, 1.0)))
-
-
-def opening_sides(x: np.ndarray, triangles: np.ndarray, angle: float) -> np.ndarray:
-    """Pairs of triangles that open by less than an angle (degrees) at a common side.
-
-    Returns
-    -------
-    (k, 2) int array
-        Sides 3 f + k: from corner k to corner k + 1 of triangle f.
-    """
-    corners = triangles[:, [[0, 1, 2], [1, 2, 0], [2, 0, 1]]].reshape(-1, 3)
-    keys = row_keys(corners[:, :2], len(x))
-    order = np.argsort(keys, kind="stable")
-    corners = np.where((corners[:, :1] < corners[:, 1:2]), corners, corners[:, [1, 0, 2]])
-    a, b, apex = (x[corners[:, k]] for k in range(3))
-    along = b - a
-    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
-    away = apex - a
-    away -= np.einsum("ki,ki->k", away, along)[:, None] * along
-    away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-300)
-    pairs = [np.zeros((0, 2), dtype=np.int64)]
-    for step in range(1, len(order)):
-        i, j = order[:-step], order[step:]
-        same = keys[i] == keys[j]
-        if not same.any():
-            break
-        i, j = i[same], j[same]
-        folded = np.einsum("ki,ki->k", away[i], away[j]) > np.cos(np.radians(angle))
-        pairs.append(np.column_stack([i, j])[folded])
-    return np.concatenate(pairs)
-
-
-@dataclass
-class Edges:
-    """Edges of triangles.
-
-    Attributes
-    ----------
-    keys : (e,) int array
-        Sorted.
-    ends : (e, 2) int array
-        The lower number first.
-    of_triangle : (f, 3) int array
-        Edge of each side: from corner k to corner k + 1.
-    count : (e,) int array
-        Triangles at each edge.
-    """
-
-    keys: np.ndarray
-    ends: np.ndarray
-    of_triangle: np.ndarray
-    count: np.ndarray
-
-    @classmethod
-    def of(cls, triangles: np.ndarray, n: int) -> Edges:
-        keys = row_keys(triangles[:, SIDES].reshape(-1, 2), n)
-        keys, inverse, count = np.unique(keys, return_inverse=True, return_counts=True)
-        ends = np.column_stack([keys // n, keys % n])
-        return cls(keys, ends, inverse.reshape(-1, 3), count)
-
-    def two(self) -> tuple[np.ndarray, np.ndarray]:
-        """Numbers of the edges with two triangles, (k,), and the sides 3 f + k there, (k, 2)."""
-        flat = self.of_triangle.ravel()
-        order = np.argsort(flat, kind="stable")
-        first = np.concatenate([[0], np.cumsum(self.count)[:-1]])
-        inner = np.flatnonzero(self.count == 2)
-        return inner, np.column_stack([order[first[inner]], order[first[inner] + 1]])
 
 
 class Remesher:
@@ -563,7 +472,7 @@ class Remesher:
         before = self.x[self.t]
         unit, quality = normals(before), shape(before)
         step = np.ones(len(self.x))
-        for _ in range(6):
+        for attempt in range(6):
             x = self.x + step[:, None] * (target - self.x)
             after = x[self.t]
             turn = np.einsum("ki,ki->k", unit, normals(after))
@@ -571,7 +480,7 @@ class Remesher:
             bad |= (shape(after) < 0.5) & (shape(after) < 0.9 * quality)
             if not bad.any():
                 break
-            step[self.t[bad]] *= 0.5 if _ < 3 else 0.0
+            step[self.t[bad]] *= 0.5 if attempt < 3 else 0.0
         else:
             return
         self.x = x
