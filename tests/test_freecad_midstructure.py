@@ -288,11 +288,15 @@ def test_refused_and_nothing_changed(doc, mid, call, told):
     assert state(mid.object) == before and doc.UndoCount == 0
 
 
-def test_what_the_choice_does_is_estimated(mid):
-    # the largest ball of the box has the radius 0.5, and all of it sees the sheet in its middle
-    hints = mid.hints(0.5)
-    assert hints.pieces == 1
-    assert 0.2 < hints.thinnest <= 0.5 * 0.55
+def test_what_the_choice_does_to_the_shell(volume, mid):
+    # half the way to the sheet in the middle, 0.5 below the large faces
+    hints, exact = mid.hints(0.5), mid.thickness(0.5)
+    assert hints.pieces == 1 and hints.unreached == ()
+    assert hints.thinnest == pytest.approx(0.25, abs=0.02)
+    assert exact["min"] == pytest.approx(0.25, abs=0.02) and exact["w0"] == 0.5
+    large = {part["face"]: part["mean"] for part in exact["faces"]}
+    assert all(large[name] < large["Face1"] for name in OPPOSITE)
+    assert volume.Document.UndoCount == 0 and volume.Status == "Not computed"
 
 
 def test_a_property_changed_by_hand_chooses_again(doc, mid):
