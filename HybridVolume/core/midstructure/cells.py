@@ -30,6 +30,11 @@ RESOLVED = 2.5
 AROUND = 1.5
 RIDGE = 1.12
 SLOPE = 0.3
+# A sample is beside an edge within so many sample spacings; it has one behind the edge among so
+# many neighbours; the edge's points are made denser by a factor.
+BESIDE = 1.5
+NEIGHBOURS = 24
+FINER = 8
 # Side of the cubes in which balls are looked for, in radii.
 CUBE = 0.16
 # Four whole numbers as one, which wraps around.
@@ -47,6 +52,8 @@ class Cells:
     length, radius, angle, facing, spacing, area : (c,) arrays
         Distance of the feet, distance to the surface, object angle, angle of the normals at the
         feet, distance of the samples, area; mm, mm², degrees.
+    feet : (c, 2) int array
+        Samples that stand for the feet: one on a concave edge counts for the face opposite.
     pair : (c, 2) int array
         Smooth groups of the feet, the lower number first.
     group : (c,) int array
@@ -75,7 +82,8 @@ class Cells:
         self.angle = np.where(np.abs(seen - facing) < 15.0, facing, seen)
         self.facing = facing
         self.spacing = samples.spacing[raw.feet].max(axis=1)
-        self.pair = np.sort(groups.of_patch[samples.patch[raw.feet]], axis=1)
+        self.feet = _named_feet(raw.feet, samples, groups)
+        self.pair = np.sort(groups.of_patch[samples.patch[self.feet]], axis=1)
         self.group = self.pair[:, 0] * len(groups.of_patch) + self.pair[:, 1]
         following = np.arange(len(owner)) + 1
         ends = raw.start[1:][count > 0] - 1
@@ -201,3 +209,46 @@ class Cells:
             goes = np.full(len(part), -1)
             goes[small] = links[first, 1]
             result = np.where(result < 0, goes[part], result)
+
+
+def _named_feet(feet: np.ndarray, samples: Samples, groups: SmoothGroups) -> np.ndarray:
+    """Feet, but those on a concave edge on that of its two faces that lies more opposite.
+
+    A ball that touches a concave edge touches both of its faces; which of them has the nearest
+    sample is chance.
+    """
+    beside = _beside_concave(samples, groups)
+    result = feet.copy()
+    for side in (0, 1):
+        mine, across = feet[:, side], samples.normals[feet[:, 1 - side]]
+        other = beside[mine]
+        cosine = np.einsum("ci,ci->c", samples.normals[mine], across)
+        swapped = np.einsum("ci,ci->c", samples.normals[other], across)
+        better = (other >= 0) & (swapped < cosine - 0.05)
+        result[better, side] = other[better]
+    return result
+
+
+def _beside_concave(samples: Samples, groups: SmoothGroups) -> np.ndarray:
+    """For samples near a concave edge of their group a near sample behind that edge, else -1."""
+    result = np.full(len(samples.points), -1)
+    concave = np.flatnonzero((~groups.edge_convex).mean(axis=1) > 0.5)
+    if not len(concave):
+        return result
+    points = groups.edge_points[concave]
+    share = (np.arange(FINER) / FINER)[:, None]
+    between = points[:, :-1, None] * (1.0 - share) + points[:, 1:, None] * share
+    count = between.shape[1] * FINER
+    distance, nearest = cKDTree(between.reshape(-1, 3)).query(samples.points)
+    group = groups.of_patch[samples.patch]
+    pair = groups.edge_pair[concave[nearest // count]]
+    near = np.flatnonzero((distance < BESIDE * samples.spacing) & (pair == group[:, None]).any(1))
+    if not len(near):
+        return result
+    wanted = pair[near].sum(axis=1) - group[near]
+    number = min(NEIGHBOURS, len(samples.points))
+    around = cKDTree(samples.points).query(samples.points[near], k=number)[1]
+    fits = group[around] == wanted[:, None]
+    found = fits.any(axis=1) & (wanted != group[near])
+    result[near[found]] = around[found, fits[found].argmax(axis=1)]
+    return result

@@ -91,7 +91,7 @@ def _build(surface: PatchSurface, cells: Cells) -> Midstructure:
 
     both = (number[raw.edges] >= 0).all(axis=1)
     _, edge = np.unique(raw.edge[both], return_inverse=True)
-    feet = raw.feet[members]
+    feet = cells.feet[members]
     _, group = np.unique(cells.group[members], return_inverse=True)
     figures = Figures(
         number[owner],
@@ -215,6 +215,8 @@ def _sheet(
     first, second = divmod(int(unique[np.bincount(label.ravel(), weight).argmax()]), len(face))
     among = mine[pair[mine] == first * len(face) + second]
     side = np.where(ends[among, 0] == first, 0, 1)
+    if not own[among, side].any():
+        first, second, side = second, first, 1 - side
     named = own[among, side]
     if named.any():
         among, side = among[named], side[named]
