@@ -90,7 +90,7 @@ def test_cancel_and_macro(tmp_path):
         "box can be selected": True,
         "box is shown": True,
     }
-    assert found["undone to the start"] == {"open": False, "objects": ["Box"]}
+    assert found["undone to the start"] == {"open": False, "objects": ["Box"], "workers": []}
     assert found["with a stranger's step"] == {"objects": ["Box"], "label": "moved"}
     recorded, replayed = found["recorded"], found["replayed"]
     assert "mid.keep(faces=('Face" in found["macro"] and "mid.invert()" in found["macro"]

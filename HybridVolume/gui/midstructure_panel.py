@@ -89,6 +89,8 @@ class MidstructurePanel:
             Callbacks(self._show_progress, self._write, self._finish, self._fail), self._ready
         )
         self._refresh_soon = timer(self.form, 0, self._refresh)
+        # the view is drawn first: hints take longer
+        self._hint_soon = timer(self.form, 30, self._show_hints)
         self._rule = RuleSliders(self.form, self._preview, self._take_rule)
         self._table = SheetTable(self.form.sheets, self._toggle_row, self._select_rows)
         self._fill_form()
@@ -262,7 +264,7 @@ class MidstructurePanel:
             self._syncing = False
         self._table.show(found)
         self._table.select(selected_sheets(obj))
-        self._show_hints(found)
+        self._hint_soon.start()
         unmatched = list(obj.Unmatched)
         form.unmatchedBox.setVisible(bool(unmatched))
         form.unmatched.setText(
@@ -270,8 +272,10 @@ class MidstructurePanel:
         )
         self._enable()
 
-    def _show_hints(self, found: Any | None) -> None:
-        form = self.form
+    def _show_hints(self) -> None:
+        if self._closed or is_deleted(self._obj):
+            return
+        form, found = self.form, self._chosen()
         form.warning.hide()
         if found is None:
             form.hint.setText("")
@@ -517,6 +521,7 @@ class MidstructurePanel:
             self._macro.run(call)
         except HybridVolumeError as error:
             self._refresh()
+            self._hint_soon.stop()
             self._warn(error.line)
             return False
         self._refresh_soon.start()

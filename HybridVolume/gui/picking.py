@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import FreeCAD
@@ -92,6 +92,18 @@ def select_sheets(obj: Any, numbers: Iterable[int]) -> None:
     FreeCADGui.Selection.clearSelection(obj.Document.Name)
     for number in numbers:
         FreeCADGui.Selection.addSelection(obj.Document.Name, obj.Name, sheet_name(number))
+
+
+def remove_sheets(obj: Any, numbers: Sequence[int]) -> None:
+    """Remove sheets of a midstructure as a recorded line."""
+    from HybridVolume.objects.midstructure import chosen
+
+    from .macro import Macro
+
+    found = chosen(obj)
+    if found is not None:
+        macro = Macro(obj)
+        macro.run(macro.decision("remove", [found.sheets[number] for number in numbers]))
 
 
 class SheetPicking:

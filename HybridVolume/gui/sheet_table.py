@@ -126,11 +126,12 @@ class SheetTable:
 
     def _fill(self, row: int, number: int, sheet: Sheet) -> None:
         low, high = sheet.radius
-        radius = f"{low:.3g} - {high:.3g}" if f"{low:.3g}" != f"{high:.3g}" else f"{high:.3g}"
+        least, most = f"{low:.2g}", f"{high:.2g}"
+        radius = most if least == most else f"{least} - {most}"
         faces = pair_text(sheet.faces)
         cells = (
             (sheet_name(number), number),
-            (f"{sheet.area:.3g}", sheet.area),
+            (f"{sheet.area:.3g}" if sheet.area > 0.0 else "", sheet.area),
             (radius, high),
             (faces, None),
             (sheet.reason, None),

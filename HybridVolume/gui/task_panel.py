@@ -138,7 +138,11 @@ class TaskPanel:
         if self._volume:
             # what it is to be is decided in its own panel
             form.method.setCurrentIndex(METHODS.index(self._volume.Midstructure.Method))
-            form.method.setEnabled(False)
+            form.method.hide()
+            form.parametersLayout.addWidget(form.midstructure, 3, 1, 1, 2)
+            kept = self._volume.Midstructure.Kept
+            found = f"{sum(kept)} of {len(kept)} sheets kept" if kept else "not found yet"
+            form.midstructure.setText(f"{found}...")
             names = [name for name, _ in ORDERS]
             order = current_parameters(self._volume)["FemMesh.Order"]
             form.order.setCurrentIndex(names.index(order))

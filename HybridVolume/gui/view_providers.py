@@ -247,6 +247,17 @@ class MidstructureView(ViewProvider):
             commands.open_soon(view.Object)
         return True
 
+    def onDelete(self, view: Any, names: Any) -> bool:
+        """Remove the sheets that are selected; the object itself goes where none is."""
+        from . import picking
+
+        obj = view.Object
+        sheets = picking.selected_sheets(obj)
+        if sheets:
+            # Later: FreeCAD holds a transaction for its own deleting open.
+            QtCore.QTimer.singleShot(0, lambda: picking.remove_sheets(obj, sheets))
+        return not sheets
+
     def getDisplayModes(self, view: Any) -> list[str]:
         """Return the one display mode."""
         return ["Sheets"]
