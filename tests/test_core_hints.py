@@ -132,14 +132,13 @@ def test_nothing_kept():
 # ------------------------------------------------------------------------------ whole bodies
 
 
-@pytest.mark.parametrize("body", [box((4, 2, 1)), torus()], ids=lambda b: b.name)
-def test_estimates_are_near_the_field(body):
-    surface = build_surface(body.faces)
-    midstructure = medial_axis(surface, 6000)
+def test_estimates_are_near_the_field():
+    surface = build_surface(box((4, 2, 1)).faces)
+    midstructure = medial_axis(surface, 5000)
     field = solve_harmonic(surface, midstructure, tets=20_000)
     exact, told = shell_thickness(field, surface, 0.5), hints(midstructure, 0.5)
-    assert told.thinnest == pytest.approx(exact["min"], rel=0.25)
-    assert told.thickest == pytest.approx(exact["max"], rel=0.25)
+    assert told.thinnest == pytest.approx(exact["min"], rel=0.2)
+    assert told.thickest == pytest.approx(exact["max"], rel=0.2)
 
 
 BODIES = [box(), l_bracket(), plate(20.0), cylinder(), torus(), sphere(), wedge(20.0), wedge(12.0)]
@@ -192,16 +191,18 @@ def test_a_corner_of_large_faces_is_named_by_them():
     assert region.distance == pytest.approx(np.hypot(9.25, 0.5), rel=1e-3)
 
 
-@pytest.mark.parametrize("scale", [1e-3, 1e3])
-def test_scale_changes_lengths_only(scale):
-    body = thin_bracket()
-    small = [replace(f, control_points=scale * f.control_points + 7.0 * scale) for f in body.faces]
-    plain = hints(medial_axis(build_surface(body.faces), 4000))
-    scaled = hints(medial_axis(build_surface(small), 4000))
-    assert scaled.pieces == plain.pieces
-    assert scaled.unreached == ()
-    assert scaled.thinnest == pytest.approx(scale * plain.thinnest, rel=0.1)
-    assert scaled.thickest == pytest.approx(scale * plain.thickest, rel=0.1)
+def test_scale_changes_lengths_only():
+    told = []
+    for scale in (1.0, 1e-3, 1e3):
+        faces = [
+            replace(face, control_points=scale * (face.control_points + 7.0))
+            for face in thin_bracket().faces
+        ]
+        found = hints(medial_axis(build_surface(faces), 3000))
+        assert found.unreached == ()
+        told.append((found.pieces, found.thinnest / scale, found.thickest / scale))
+    assert told[1] == pytest.approx(told[0], rel=0.1)
+    assert told[2] == pytest.approx(told[0], rel=0.1)
 
 
 def test_probes_know_the_thickness():
