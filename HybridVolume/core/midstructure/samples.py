@@ -177,9 +177,10 @@ def probes(
     group = smooth_groups(surface).of_patch if group is None else group
     samples = samples or sample_surface(surface, 0, group)
     # between even by number and even by area
-    weight = np.cumsum(samples.spacing)
+    order = np.lexsort([_along_curve(samples.points), samples.patch])
+    weight = np.cumsum(samples.spacing[order])
     place = (np.arange(min(count, len(weight))) + 0.5) / min(count, len(weight)) * weight[-1]
-    asked = np.unique(np.searchsorted(weight, place))
+    asked = order[np.unique(np.searchsorted(weight, place))]
     points, patch = samples.points[asked], samples.patch[asked]
     radius, touched = inner_radius(samples, asked, 0.5 * surface.diagonal)
     opposite = _opposite(samples, asked, touched, OPPOSITE)
@@ -191,9 +192,21 @@ def probes(
     radius = np.where(opposite & (flat > 0.4 * radius), np.minimum(radius, flat), radius)
     radius[touched < 0] = 0.0
     even = np.sqrt(surface.area() / len(asked))
-    reach = np.clip(2.0 * radius, 2.0 * even, 8.0 * even)
+    reach = np.clip(2.0 * radius, 3.0 * even, 8.0 * even)
     widest = _widest_near(points, radius, reach, group[patch])
     return points, np.where(opposite, radius, widest), patch
+
+
+def _along_curve(points: np.ndarray) -> np.ndarray:
+    """Place of each point on a curve through space that stays near where it was (Morton's)."""
+    low = points.min(axis=0)
+    size = np.ptp(points, axis=0).max()
+    cell = ((points - low) * (1023.0 / size)).astype(np.int64)
+    place = np.zeros(len(points), dtype=np.int64)
+    for bit in range(10):
+        for axis in range(3):
+            place |= ((cell[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return place
 
 
 def _opposite(samples: Samples, asked: np.ndarray, touched: np.ndarray, angle: float) -> np.ndarray:
