@@ -173,7 +173,7 @@ class _Size:
             if (area / np.minimum(share * distance, largest) ** 2).sum() < 0.1 * tets:
                 break
             share *= 1.1
-        on_sheets = 0.5 * share * (40_000 / tets) ** (1.0 / 3.0)
+        on_sheets = 0.68 * share * (40_000 / tets) ** (1.0 / 3.0)
         # a midstructure may come down to the surface
         smallest = max(0.5 * share * float(distance.min()), 0.02 * largest)
         return cls(middle, share, min(smallest, largest), largest, on_sheets)
