@@ -13,6 +13,7 @@ from HybridVolume.core.harmonic import solve_harmonic
 from HybridVolume.core.midstructure import Midstructure, medial_axis
 from HybridVolume.core.midstructure.hints import hints
 from HybridVolume.core.midstructure.samples import probes
+from HybridVolume.core.tetmesh import CONFORMING, available_engines
 from HybridVolume.core.thickness import shell_thickness
 
 
@@ -132,6 +133,7 @@ def test_nothing_kept():
 # ------------------------------------------------------------------------------ whole bodies
 
 
+@pytest.mark.skipif(not set(CONFORMING) & set(available_engines()), reason="no exact mesher")
 def test_estimates_are_near_the_field():
     surface = build_surface(box((4, 2, 1)).faces)
     midstructure = medial_axis(surface, 5000)

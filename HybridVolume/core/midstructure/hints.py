@@ -276,8 +276,8 @@ def _unreached(midstructure: Midstructure, distance: np.ndarray) -> tuple[Unreac
     tree = cKDTree(points)
     number = min(_AROUND, len(points))
     apart, near = (x.reshape(len(points), number) for x in tree.query(points, k=number))
-    # single probes at sharp edges see another thickness than those around them
-    half = np.median(midstructure.probe_radius[near[:, :9]], axis=1)
+    # probes at the very tip of a wedge see the thickness of other places: the lower quarter counts
+    half = np.sort(midstructure.probe_radius[near[:, :9]], axis=1)[:, min(2, number - 1)]
     far = np.flatnonzero(distance > _REACH * half)
     if not len(far):
         return ()
