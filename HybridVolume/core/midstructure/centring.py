@@ -16,6 +16,8 @@ SPACING = 0.3
 # Smallest gain of distance for which a vertex moves, in units of the move: along a sheet the
 # distance is flat, and nothing is to be gained there.
 GAIN = 0.03
+# The surface is ahead of an end where the cosine to its nearest point is larger.
+AHEAD = 0.6
 # Vertices of one branch at most.
 MOST = 2000
 
@@ -69,11 +71,14 @@ def _evenly(
     distance: SurfaceDistance, branches: Branches
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Vertices along all branches at a distance in proportion to the radius."""
-    vertices = [branches.nodes]
-    count = len(branches.nodes)
+    nodes = branches.nodes.copy()
+    vertices = [nodes]
+    count = len(nodes)
+    degree = np.bincount(branches.ends.ravel(), minlength=count)
     edges, owner = [], []
     for k, (path, ends) in enumerate(zip(branches.paths, branches.ends, strict=True)):
-        path = _combed(path)
+        path = _trimmed(distance, _combed(path), degree[ends] == 1)
+        nodes[ends[0]], nodes[ends[1]] = path[0], path[-1]
         length = np.linalg.norm(np.diff(path, axis=0), axis=1)
         radius = distance(path)
         need = length / (SPACING * 0.5 * (radius[1:] + radius[:-1]))
@@ -87,6 +92,21 @@ def _evenly(
         edges.append(np.column_stack([number[:-1], number[1:]]))
         owner.append(np.full(pieces, k))
     return np.vstack(vertices), np.concatenate(edges), np.concatenate(owner)
+
+
+def _trimmed(distance: SurfaceDistance, path: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Free ends taken back to where the surface is no nearer ahead than beside the line."""
+    feet = distance.nearest(path)
+    ahead = (feet.points - path) / np.maximum(feet.distance, np.finfo(float).tiny)[:, None]
+    low, high = 0, len(path) - 1
+    for side in np.flatnonzero(free):
+        while high - low > 1:
+            end, before = (low, low + 1) if side == 0 else (high, high - 1)
+            way = path[end] - path[before]
+            if way @ ahead[end] < AHEAD * np.linalg.norm(way):
+                break
+            low, high = (low + 1, high) if side == 0 else (low, high - 1)
+    return path[low : high + 1]
 
 
 def _combed(path: np.ndarray) -> np.ndarray:

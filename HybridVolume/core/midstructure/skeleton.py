@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ...errors import FaultError, InputError
 from ..surface import PatchSurface
-from ..tetmesh.mesh import EDGES, row_keys
+from ..tetmesh.mesh import EDGES, FACES, row_keys
 from .assembled import from_pieces
 from .branches import Branches, branches_of
 from .centring import centred
@@ -24,8 +24,11 @@ from .thickness import Thickness, local_thickness
 
 log = logging.getLogger(__name__)
 
-# Sizes of the cells that are tried, in units of half the local thickness.
-SIZES = (0.42, 0.5, 0.6, 0.72)
+# Sizes of the cells that are tried, in units of half the local thickness, and the share of the
+# surface around which the body is taken for thicker than it is.
+SIZES = ((0.42, 0.0), (0.5, 0.0), (0.6, 0.0), (0.72, 0.0), (0.6, 0.05), (0.6, 0.15), (0.6, 0.3))
+# Depths that are left out, in the same units: acute edges are too thin for the cells.
+PEELS = (0.0, 0.1, 0.25)
 # Cells at most; three times as many are allowed where the loops come out wrong.
 CELLS = 25_000
 # Length of branches that the fire leaves, in units of the radius.
@@ -84,22 +87,27 @@ def _branches(distance: SurfaceDistance, thickness: Thickness, genus: int, cells
     """Branches with as many loops as the body has handles; smaller cells where they are wrong."""
     found = "nothing inside the body"
     for limit in (cells, 3 * cells):
-        for size in SIZES if limit == cells else (0.3, *SIZES):
-            lattice = _lattice(distance, thickness, size, limit)
+        for size, thin in SIZES if limit == cells else ((0.3, 0.0), *SIZES):
+            half = np.maximum(thickness.half, _quantile(thickness, thin))
+            lattice = _lattice(distance, half[thickness.of_sample], size, limit)
             if lattice is None:
                 continue
-            inside = _inside(distance, lattice)
-            if inside is None:
-                break
             near = distance.rough(lattice.points + lattice.origin)[1]
-            scale = np.maximum(lattice.depth, thickness.half[thickness.of_sample[near]])
-            graph = collapse(lattice.points, lattice.depth, lattice.inward, scale, inside, LASTING)
-            loops = _loops(graph)
-            if not graph.solid and loops == genus:
-                points = lattice.points + lattice.origin
-                return branches_of(graph, points, lattice.depth, scale)
-            found = "a cavity" if graph.solid else f"{loops} loops for {genus} handles"
-            log.info("skeleton from cells of %g: %s", size, found)
+            scale = np.maximum(lattice.depth, half[thickness.of_sample[near]])
+            for peel in PEELS:
+                inside = _inside(distance, lattice, peel * scale)
+                handles = None if inside is None else 1 - _euler(inside)
+                if handles != genus:
+                    found = f"{handles} handles in place of {genus}"
+                    log.info("cells of %g of the thickness: %s", size, found)
+                    continue
+                graph = collapse(
+                    lattice.points, lattice.depth, lattice.inward, scale, inside, LASTING
+                )
+                if not graph.solid and _loops(graph) == genus:
+                    points = lattice.points + lattice.origin
+                    return branches_of(graph, points, lattice.depth, scale)
+                found = "a cavity"
             break
     raise FaultError(
         f"the curve skeleton is wrong: {found}",
@@ -107,11 +115,22 @@ def _branches(distance: SurfaceDistance, thickness: Thickness, genus: int, cells
     )
 
 
+def _quantile(thickness: Thickness, share: float) -> float:
+    """Half the thickness that so much of the surface stays below."""
+    if share == 0.0:
+        return 0.0
+    order = np.argsort(thickness.half)
+    area = np.cumsum(thickness.area[order])
+    return float(thickness.half[order[np.searchsorted(area, share * area[-1])]])
+
+
 def _lattice(
-    distance: SurfaceDistance, thickness: Thickness, size: float, limit: int
+    distance: SurfaceDistance, half: np.ndarray, size: float, limit: int
 ) -> Lattice | None:
+    """Points inside at a distance in proportion to half the thickness, given at the samples."""
+
     def wanted(sample: np.ndarray, depth: np.ndarray) -> np.ndarray:
-        return size * np.maximum(thickness.half[thickness.of_sample[sample]], depth)
+        return size * np.maximum(half[sample], depth)
 
     def needed(depth: np.ndarray, half: float) -> np.ndarray:
         return depth > -half
@@ -119,9 +138,9 @@ def _lattice(
     return build_lattice(distance, wanted, needed, np.inf, limit=limit)
 
 
-def _inside(distance: SurfaceDistance, lattice: Lattice) -> np.ndarray | None:
-    """Tetrahedra of the largest part inside, of which no edge leaves the body."""
-    tets = lattice.tets[(lattice.depth > 0.0)[lattice.tets].all(axis=1)]
+def _inside(distance: SurfaceDistance, lattice: Lattice, least: np.ndarray) -> np.ndarray | None:
+    """Tetrahedra of the largest part that is as deep, of which no edge leaves the body."""
+    tets = lattice.tets[(lattice.depth > least)[lattice.tets].all(axis=1)]
     if not len(tets):
         return None
     n = len(lattice.points)
@@ -162,6 +181,14 @@ def _leaving(distance: SurfaceDistance, lattice: Lattice, pairs: np.ndarray) -> 
         deep_b = np.concatenate([deep[~out], deep_b[~out]])
         owner = np.tile(owner[~out], 2)
     return result
+
+
+def _euler(tets: np.ndarray) -> int:
+    """Euler characteristic of tetrahedra."""
+    n = int(tets.max()) + 1
+    faces = np.unique(row_keys(tets[:, FACES].reshape(-1, 3), n))
+    edges = np.unique(row_keys(tets[:, EDGES].reshape(-1, 2), n))
+    return len(np.unique(tets)) - len(edges) + len(faces) - len(tets)
 
 
 def _loops(graph: Graph) -> int:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ...errors import FaultError
 from .distances import SurfaceDistance
 from .samples import Samples, inner_radius
 
@@ -74,14 +75,19 @@ def local_thickness(distance: SurfaceDistance) -> Thickness:
     opposite = (touched >= 0) & (facing < OPPOSITE)
     places, inward = points[chosen], -normals[chosen]
     centre = places + inward * ball[:, None]
+    # a ball that nothing stopped has left the body
+    real = (touched >= 0) & (cKDTree(points).query(centre)[0] > 0.9 * ball)
+    if not real.any():
+        raise FaultError("no ball inside the body was found")
 
     # one representative, the largest ball, in every cell of a fifth of its radius
     level = np.floor(np.log2(ball)).astype(int)
     cell = np.floor(centre / (0.2 * 2.0**level)[:, None]).astype(np.int64)
     _, label = np.unique(np.column_stack([level, cell]), axis=0, return_inverse=True)
     order = np.lexsort([-ball, label.ravel()])
+    order = order[real[order]]
     some = order[np.unique(label.ravel()[order], return_index=True)[1]]
-    half = ball.copy()
+    half = np.where(real, ball, 0.0)
     tree = cKDTree(places)
     for part in np.array_split(some, max(1, len(some) // 200)):
         around = tree.query_ball_point(centre[part], REACH * ball[part])
@@ -91,7 +97,11 @@ def local_thickness(distance: SurfaceDistance) -> Thickness:
         ahead = np.einsum("ki,ki->k", way, inward[near])
         before = ahead > 0.5 * np.linalg.norm(way, axis=1)
         np.maximum.at(half, near[before], ball[owner[before]])
-    half = np.where(opposite, ball, half)
+    half = np.where(opposite & real, ball, half)
+    known = np.flatnonzero(half > 0.0)
+    half = half[known[cKDTree(places[known]).query(places)[1]]]
+    ball = np.where(real, ball, half)
+    centre = places + inward * ball[:, None]
     _, of_sample = tree.query(distance.samples - distance.origin)
     area = np.bincount(of_sample, distance.area, len(places))
     return Thickness(
