@@ -14,9 +14,7 @@ from PySide import QtCore, QtGui
 
 from HybridVolume.core.midstructure.hints import hints
 from HybridVolume.errors import HybridVolumeError
-from HybridVolume.job import Job, worker_python
 from HybridVolume.objects import midstructure as objects
-from HybridVolume.objects.midstructure_editor import Editor
 from HybridVolume.sources import global_shape
 
 from . import messages, preferences
@@ -30,19 +28,13 @@ from .picking import (
     sheets_in_box,
 )
 from .rule_sliders import RuleSliders, timer
-from .runner import Callbacks, Runner
+from .search_controls import SearchControls
 from .sheet_table import SheetTable
 from .sheets_view import sheet_name
 from .stage import Stage
 from .undo import UndoMark
-from .work import NO_ENVIRONMENT, environment_setup, is_deleted
+from .work import is_deleted
 
-METHODS = (
-    ("auto", "automatic: medial axis"),
-    ("skeleton", "skeleton: curves in the middle"),
-    ("distance", "even depth below the faces"),
-    ("own", "own geometry"),
-)
 AXES = (("x", (1.0, 0.0, 0.0)), ("y", (0.0, 1.0, 0.0)), ("z", (0.0, 0.0, 1.0)), ("view", None))
 
 WIDTH = 460
@@ -75,24 +67,23 @@ class MidstructurePanel:
         self._volume = volume
         self._obj = volume.Midstructure
         self._document = volume.Document.Name
-        self._names = (volume.Name, self._obj.Name)
+        self._source = volume.Source
+        self._names = (volume.Name, self._obj.Name, self._source.Name)
         self._mark = mark
         self._goes_on = goes_on
         self._macro = Macro(self._obj)
         self._macro.steps.update(volume.Document.UndoNames[:1] if goes_on else ())
-        self._found_from: dict[str, str] = {}
-        self._goal = ""
         self._closed = False
         self._syncing = False
         self._box: BoxSelection | None = None
-        self._runner = Runner(
-            Callbacks(self._show_progress, self._write, self._finish, self._fail), self._ready
-        )
         self._refresh_soon = timer(self.form, 0, self._refresh)
         # the view is drawn first: hints take longer
         self._hint_soon = timer(self.form, 30, self._show_hints)
         self._rule = RuleSliders(self.form, self._preview, self._take_rule)
         self._table = SheetTable(self.form.sheets, self._toggle_row, self._select_rows)
+        self._search = SearchControls(
+            self.form, volume, self._macro, self._command, self._enable, self._show_thickness
+        )
         self._fill_form()
         self._stage = self._make_stage()
         self._dock = WideDock(self.form, WIDTH)
@@ -177,7 +168,7 @@ class MidstructurePanel:
         if self._closed:
             return
         self._closed = True
-        self._runner.cancel()
+        self._search.cancel()
         FreeCAD.removeDocumentObserver(self)
         if self._box:
             self._box.close()
@@ -187,12 +178,6 @@ class MidstructurePanel:
 
     def _fill_form(self) -> None:
         form = self.form
-        form.method.addItems([text for _, text in METHODS])
-        form.method.activated.connect(lambda *_: self._set_method())
-        form.depthText.editingFinished.connect(self._set_depth)
-        form.take.clicked.connect(self._take_selected)
-        form.samples.valueChanged.connect(lambda *_: self._set_samples())
-        form.findAgain.clicked.connect(self._find_or_cancel)
         form.keep.clicked.connect(lambda: self._decide("keep"))
         form.remove.clicked.connect(lambda: self._decide("remove"))
         form.only.clicked.connect(lambda: self._decide("only"))
@@ -205,7 +190,6 @@ class MidstructurePanel:
         form.clip.toggled.connect(lambda *_: self._cut())
         form.clipAxis.activated.connect(lambda *_: self._cut(turn=True))
         form.clipSlider.valueChanged.connect(lambda *_: self._cut())
-        form.progress.hide()
         form.warning.hide()
         form.warning.setStyleSheet("color: #d9480f; font-weight: bold;")
 
@@ -227,7 +211,7 @@ class MidstructurePanel:
             self._close()
 
     def _close_if_gone(self) -> None:
-        if not self._closed and (is_deleted(self._obj) or is_deleted(self._volume)):
+        if not self._closed and any(map(is_deleted, (self._obj, self._volume, self._source))):
             self._close()
 
     # What is shown.
@@ -247,21 +231,12 @@ class MidstructurePanel:
         found = self._chosen()
         self._syncing = True
         try:
-            names = [name for name, _ in METHODS]
-            method = "auto" if obj.Method == "medial-axis" else obj.Method
-            form.method.setCurrentIndex(names.index(method))
-            form.depthText.setVisible(method == "distance")
-            form.depthText.setText(obj.Depth)
-            form.take.setVisible(method == "own")
-            self._picking.anything = method == "own"
-            samples = method in ("auto", "skeleton")
-            form.samples.setVisible(samples)
-            form.samplesCaption.setVisible(samples)
-            form.samples.setValue(obj.Samples)
-            form.rule.setVisible(method == "auto")
+            form.rule.setVisible(obj.Method in ("auto", "medial-axis"))
             self._rule.show(obj.Angle, obj.MinimumSize)
         finally:
             self._syncing = False
+        self._search.show()
+        self._picking.anything = self._search.by_user
         self._table.show(found)
         self._table.select(selected_sheets(obj))
         self._hint_soon.start()
@@ -280,13 +255,13 @@ class MidstructurePanel:
         if found is None:
             form.hint.setText("")
             return
-        told = hints(found, self._w0())
+        told = hints(found, self._search.w0)
         kept = found.kept_sheets
         text = f"{kept} of {len(found.sheets)} sheets kept, in {_count(told.pieces, 'piece')}."
         if kept and told.thickest > 0.0:
             text += (
                 f" Shell about {told.thinnest:.3g} to {told.thickest:.3g} mm thick "
-                f"at w0 = {self._w0():.2g}."
+                f"at w0 = {self._search.w0:.2g}."
             )
         form.hint.setText(text)
         if not kept:
@@ -294,15 +269,9 @@ class MidstructurePanel:
         elif told.unreached:
             self._warn("\n".join(_sentence(str(one)) for one in told.unreached[:3]))
 
-    def _w0(self) -> float:
-        return self._volume.W0 if self._volume.Result else preferences.load().w0
-
     def _warn(self, text: str) -> None:
         self.form.warning.setText(text)
         self.form.warning.show()
-
-    def _write(self, line: str) -> None:
-        FreeCAD.Console.PrintLog(f"HybridVolume: {line}\n")
 
     def _enable(self) -> None:
         form, running = self.form, self.running
@@ -312,155 +281,30 @@ class MidstructurePanel:
         some = there and bool(self._table.selection())
         for widget in (form.keep, form.remove, form.only):
             widget.setEnabled(some)
-        for widget in (form.method, form.depthText, form.take, form.samples):
-            widget.setEnabled(not running)
-        form.findAgain.setText("Cancel" if running else "Find again")
-        form.progress.setVisible(running)
-        form.stage.setVisible(bool(form.stage.text()))
-
-    # The search.
+        self._search.enable()
 
     @property
     def running(self) -> bool:
         """Whether a computation is under way."""
-        return self._runner.running
-
-    @property
-    def job(self) -> Job | None:
-        """The job that is running."""
-        return self._runner.job
+        return self._search.running
 
     def find(self) -> None:
         """Find the midstructure in the worker."""
-        self._start("midstructure", "Finding the midstructure")
-
-    def _find_or_cancel(self) -> None:
-        if self.running:
-            self._runner.cancel()
-            self._idle("Cancelled")
-        else:
-            self.find()
+        self._search.find()
 
     def _compute_thickness(self) -> None:
         self._rule.finish()
-        self._start("thickness", "Computing the exact thickness")
-
-    def _start(self, goal: str, text: str) -> None:
-        if self.running:
-            return
-        self._goal = goal
-        try:
-            setup = environment_setup()
-        except HybridVolumeError as error:
-            self._fail(error, "")
-            return
-        if setup is False:
-            self._idle(NO_ENVIRONMENT)
-            return
-        self.form.stage.setText(text)
-        self.form.progress.setValue(0)
-        try:
-            self._runner.start(self._make_jobs, setup)
-        except HybridVolumeError as error:
-            self._fail(error, "")
-        self._enable()
-
-    def _make_jobs(self) -> Sequence[Job]:
-        chosen = preferences.load()
-        editor = Editor(self._obj)
-        keywords = {"python": worker_python(chosen.python), "free_only": chosen.free_only}
-        self._found_from = objects.search_inputs(self._obj)
-        if self._goal == "midstructure":
-            return [editor.job(**keywords)]
-        return [editor.thickness_job(self._w0(), **keywords)]
-
-    def _ready(self) -> bool:
-        doc = FreeCAD.listDocuments().get(self._document)
-        return doc is None or not doc.HasPendingTransaction
-
-    def _finish(self, jobs: Sequence[Job]) -> None:
-        (job,) = jobs
-        try:
-            if self._goal == "midstructure":
-                self._macro.found(job.result_file, self._found_from)
-                self._idle("")
-            else:
-                self._idle("")
-                self._show_thickness(job.result())
-        except HybridVolumeError as error:
-            self._fail(error, "")
+        self._search.compute_thickness()
 
     def _show_thickness(self, figures: dict[str, Any]) -> None:
         text = (
             f"Exact: {figures['min']:.3g} to {figures['max']:.3g} mm, "
             f"mean {figures['mean']:.3g} mm, at w0 = {figures['w0']:.2g}."
         )
-        if figures["w0"] < self._w0() - 1e-9:
+        if figures["w0"] < self._search.w0 - 1e-9:
             text += f" A larger w0 than {figures['largest_w0']:.2g} cannot be reached."
+        self._hint_soon.stop()
         self.form.hint.setText(text)
-
-    def _fail(self, error: HybridVolumeError, log: str) -> None:
-        if log:
-            FreeCAD.Console.PrintError(log)
-        self._idle(f"Failed: {error.line}")
-        if not is_deleted(self._volume):
-            messages.show_error(error, self._volume.Source, log)
-
-    def _show_progress(self, share: float | None, text: str) -> None:
-        bar = self.form.progress
-        bar.setMaximum(0 if share is None else 1000)
-        if share is not None:
-            bar.setValue(round(1000 * share))
-        self.form.stage.setText(text)
-
-    def _idle(self, text: str) -> None:
-        self.form.stage.setText(text)
-        self._enable()
-
-    # Method, samples, depth, geometry.
-
-    def _set_method(self) -> None:
-        method = METHODS[self.form.method.currentIndex()][0]
-        now = "auto" if self._obj.Method == "medial-axis" else self._obj.Method
-        if self._syncing or method == now:
-            return
-        if self._command(f"set(method={method!r})") and (method != "own" or self._obj.Geometry):
-            self.find()
-        elif method == "own":
-            self._idle("Select points, wires or faces inside the body, then press Take selected.")
-
-    def _set_depth(self) -> None:
-        depth = self.form.depthText.text().strip()
-        if (
-            not self._syncing
-            and depth != self._obj.Depth
-            and self._command(f"set(depth={depth!r})")
-        ):
-            self.find()
-
-    def _set_samples(self) -> None:
-        samples = self.form.samples.value()
-        # below the smallest number there is only 0, which chooses by the body
-        low = objects.SAMPLES[0]
-        if 0 < samples < low:
-            samples = low if samples > self._obj.Samples else 0
-        if self._syncing or samples == self._obj.Samples:
-            return
-        if self._command(f"set(samples={samples})"):
-            self.find()
-
-    def _take_selected(self) -> None:
-        selected = [
-            obj
-            for obj in FreeCADGui.Selection.getSelection(self._document)
-            if obj.Name not in self._names and obj is not self._volume.Source
-        ]
-        if not selected:
-            self._idle("Select points, wires or faces inside the body, then press Take selected.")
-            return
-        names = ", ".join(self._macro.object_text(obj) for obj in selected)
-        if self._command(f"set(geometry=[{names}])"):
-            self.find()
 
     # Angle and size.
 

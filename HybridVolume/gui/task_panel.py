@@ -141,7 +141,7 @@ class TaskPanel:
             form.method.hide()
             form.parametersLayout.addWidget(form.midstructure, 3, 1, 1, 2)
             kept = self._volume.Midstructure.Kept
-            found = f"{sum(kept)} of {len(kept)} sheets kept" if kept else "not found yet"
+            found = f"{sum(kept)} of {len(kept)} sheets" if kept else "not found yet"
             form.midstructure.setText(f"{found}...")
             names = [name for name, _ in ORDERS]
             order = current_parameters(self._volume)["FemMesh.Order"]
