@@ -18,7 +18,7 @@ from .shapes import Edges
 from .sheets import Midstructure
 
 # What is narrower than this share of the wanted length is no feature of the midstructure.
-DETAIL = 0.4
+DETAIL = 0.6
 # Vertices stay this near to the given facets, in units of the wanted length.
 NEAR = 0.02
 # Longest edges on a closed part, in units of the root of its area.
