@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 
 # Squares of the cell size that the surface of equal distance has, has at most for the sake of round
 # parts, and at most for the sake of thin ones.
-CELLS, ROUND_CELLS, THIN_CELLS = 1200, 3000, 8000
+CELLS, ROUND_CELLS, THIN_CELLS = 800, 1500, 8000
 # Share of the area that may be resolved worse than needed: where thin layers run out.
 UNRESOLVED = 0.1
 # Cells of the octree at most: flat parts take as many as they need.
@@ -88,13 +88,19 @@ def distance_surface(surface: PatchSurface, value: float, share: bool) -> Midstr
 
 def largest_depth(distance: SurfaceDistance, thickness: Thickness) -> float:
     """Radius of the largest ball in the body, mm."""
-    order = np.argsort(-thickness.ball)[:400]
-    centres = thickness.centre[order]
+    order = np.argsort(-thickness.ball)[:300]
+    # balls between samples may be too large: look along the whole way to their centres
+    way = thickness.centre[order] - thickness.points[order]
+    share = np.array([0.4, 0.7, 1.0])[:, None, None]
+    centres = (thickness.points[order] + share * way).reshape(-1, 3)
     centres = centres[distance.inside(centres)]
     if not len(centres):
         raise FaultError("no place inside the body was found")
     depth = distance(centres)
-    best = np.argsort(-depth)[:12]
+    if depth.max() > 0.999 * thickness.ball.max():
+        # no ball that touches the surface is larger
+        return float(depth.max())
+    best = np.argsort(-depth)[:6]
     centres, depth = centres[best], depth[best]
     step = 0.2 * depth.max()
     rng = np.random.default_rng(0)
@@ -110,7 +116,7 @@ def largest_depth(distance: SurfaceDistance, thickness: Thickness) -> float:
         depth[better] = value[rows, pick][better]
         if not better.any():
             step *= 0.5
-        if step < 1e-4 * depth.max():
+        if step < 3e-4 * depth.max():
             break
     return float(depth.max())
 
@@ -253,7 +259,7 @@ def _gap(
     distance: SurfaceDistance, points: np.ndarray, depth: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """How much deeper than the depth points inside are, and the gradient of the distance."""
-    feet = distance.nearest(points, candidates=3)
+    feet = distance.nearest(points, candidates=2)
     gradient = points - feet.points
     gradient /= np.maximum(feet.distance, np.finfo(float).tiny)[:, None]
     return feet.distance - depth, gradient

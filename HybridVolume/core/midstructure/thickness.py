@@ -74,6 +74,7 @@ def local_thickness(distance: SurfaceDistance) -> Thickness:
     facing = np.einsum("ki,ki->k", normals[chosen], normals[touched])
     opposite = (touched >= 0) & (facing < OPPOSITE)
     places, inward = points[chosen], -normals[chosen]
+    ball = _shrunk(distance, places, inward, ball)
     centre = places + inward * ball[:, None]
     # a ball that nothing stopped has left the body
     real = (touched >= 0) & (cKDTree(points).query(centre)[0] > 0.9 * ball)
@@ -107,3 +108,23 @@ def local_thickness(distance: SurfaceDistance) -> Thickness:
     return Thickness(
         places + distance.origin, ball, centre + distance.origin, opposite, half, area, of_sample
     )
+
+
+def _shrunk(
+    distance: SurfaceDistance, places: np.ndarray, inward: np.ndarray, ball: np.ndarray
+) -> np.ndarray:
+    """Balls that are small beside the distance of samples, shrunk until the surface is around."""
+    ball = ball.copy()
+    active = np.flatnonzero(ball < 6.0 * distance.spacing)
+    for _ in range(4):
+        centre = places[active] + inward[active] * ball[active, None]
+        feet = distance.nearest(centre + distance.origin, candidates=2)
+        way = places[active] - (feet.points - distance.origin)
+        depth = -np.einsum("ki,ki->k", way, inward[active])
+        length2 = np.einsum("ki,ki->k", way, way)
+        near = (feet.distance < 0.99 * ball[active]) & (depth > 0.2 * np.sqrt(length2))
+        active = active[near]
+        if not len(active):
+            break
+        ball[active] = np.minimum(0.5 * length2[near] / depth[near], 0.99 * ball[active])
+    return ball
