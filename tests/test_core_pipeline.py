@@ -113,6 +113,26 @@ def test_layers_and_degree_are_what_was_asked():
     assert len(volume.shell.layers) == 4 + 2
 
 
+def test_thickness_and_first_layer_in_mm():
+    surface = build_surface(list(bodies.box(spans=(6, 4, 2)).faces))
+    options = Options(thickness="0.2 mm", face_factors={"Face1": 0.5}, spacing="0.03 mm", layers=3)
+    shell = complete(surface, options).shell
+    w = np.arange(4) / 3.0
+    for k, thick in ((0, 0.1), (1, 0.2)):
+        x = shell.evaluate(k, np.full(4, 0.5), np.full(4, 0.5), w)
+        heights = np.linalg.norm(np.diff(x, axis=0), axis=1)
+        assert heights[0] == pytest.approx(0.03, rel=0.05)
+        assert heights.sum() == pytest.approx(thick, rel=0.35 if k == 0 else 0.12)
+
+
+@pytest.mark.parametrize(
+    "values", [{"thickness": "2 inch"}, {"face_factors": {"Face1": 0.0}}, {"spacing": "thin"}]
+)
+def test_thicknesses_that_make_no_sense_are_refused_before_any_work(values):
+    with pytest.raises(InputError):
+        Options(**values)
+
+
 @pytest.mark.parametrize(
     "values",
     [

@@ -477,9 +477,10 @@ def _layered(
     surface, degree = grower.surface, grower.degree_w
     knots = bspline.clamped_knots(degree, layers)
     columns = (surface.control_points, best.d, degree, knots)
+    heights = grower.frame.mean_normal_length(best.d - grower.bulge)
     notes: list[str] = []
     for wanted in dict.fromkeys((spacing, Spacing("distance"))):
-        points = spaced_layers(*columns, surface, wanted)
+        points = spaced_layers(*columns, surface, wanted, heights)
         shell = Shell(surface, points, degree, knots)
         certificate = certify(shell.bezier_elements())
         if certificate.all_valid:

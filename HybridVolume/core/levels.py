@@ -102,6 +102,7 @@ def spaced_layers(
     knots: np.ndarray,
     surface: PatchSurface,
     spacing: Spacing | None = None,
+    heights: np.ndarray | None = None,
 ) -> np.ndarray:
     """Layers whose knots w_k stand where the spacing wants the layers to end.
 
@@ -115,6 +116,9 @@ def spaced_layers(
         Its net gives the volumes.
     spacing : Spacing, optional
         Equal volumes otherwise.
+    heights : (n,) array, optional
+        How far each column reaches across the surface, mm: a leaning one is longer. Its length
+        otherwise.
 
     Returns
     -------
@@ -130,8 +134,9 @@ def spaced_layers(
         count = len(bspline.breakpoints(knots)) - 1
         ratio = np.full(len(points), spacing.value)
         if spacing.kind == "first":
-            length = np.linalg.norm(displacement, axis=1)
-            ratio = _ratio_of_first(spacing.value / np.maximum(length, 1e-300), count)
+            if heights is None:
+                heights = np.linalg.norm(displacement, axis=1)
+            ratio = _ratio_of_first(spacing.value / np.maximum(heights, 1e-300), count)
         wanted = _graded(ratio, count, sites)
     collocation = bspline.basis_matrix(degree, knots, sites).toarray()
     shares = np.linalg.solve(collocation, wanted)

@@ -5,8 +5,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,11 +15,13 @@ from ..errors import FaultError, InputError, SelfIntersectionError
 from .finite_elements import build_finite_elements
 from .front import check_surface
 from .gap import gap_volume
+from .goals import Thickness
 from .growth import grow_shell
 from .harmonic import HarmonicField, solve_harmonic
 from .hybrid import HybridVolume
 from .interior import Interior
 from .intersection import self_intersections
+from .levels import Spacing
 from .midstructure import Midstructure, Search, find_midstructure
 from .refinement import flatten_spans
 from .shell import Shell
@@ -47,8 +49,14 @@ class Options:
     ----------
     w0 : float
         Harmonic level of the inner boundary: 0 is the surface, 1 the midstructure.
+    thickness : str
+        In place of w0, where given: mm as for `Thickness.parse`, e.g. ``"2 mm"``.
+    face_factors : mapping of str to float
+        By what the thickness is multiplied at CAD faces.
     layers : int
         Bézier layers of the shell.
+    spacing : str
+        Heights of the layers, as for `Spacing.parse`.
     degree : int
         Degree across the shell.
     tolerance : float
@@ -73,7 +81,10 @@ class Options:
     """
 
     w0: float = 0.5
+    thickness: str = ""
+    face_factors: Mapping[str, float] = field(default_factory=dict)
     layers: int = 2
+    spacing: str = "volume"
     degree: int = 3
     tolerance: float = 1e-7
     midstructure: str = "auto"
@@ -99,8 +110,16 @@ class Options:
             decisions=tuple(self.decisions),
         )
 
+    @property
+    def goal(self) -> Thickness:
+        """How thick the shell should be."""
+        if self.thickness:
+            return Thickness.parse(self.thickness, self.face_factors)
+        return Thickness("w0", self.w0, self.face_factors)
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "decisions", self.search.decisions)
+        self.goal, Spacing.parse(self.spacing)  # refused here, before any work
         choices = {
             "nodes": ("knots", "greville"),
             "order": (1, 2),
@@ -182,9 +201,10 @@ def complete(
     shell, certificate = grow_shell(
         body,
         field,
-        options.w0,
+        options.goal,
         layers=options.layers,
         degree_w=options.degree,
+        spacing=Spacing.parse(options.spacing),
         progress=lambda share, text: report("shell", 0.3 + 0.45 * share, text),
     )
     report("interior", 0.75, f"{certificate.valid} elements proved; interface, core, FEM mesh")
