@@ -24,6 +24,8 @@ log = logging.getLogger(__name__)
 EDGE_SHARE = 0.05
 # Share of a sheet's area that is left out at both ends of its object angles.
 STRAY_SHARE = 0.05
+# A ball touches a face's plane within so many sample spacings of the sample.
+TANGENT = 1.5
 PROBES = ("probe_points", "probe_radius", "probe_patch")
 
 
@@ -149,15 +151,18 @@ def _polished(cells: Cells, of_corner: np.ndarray) -> np.ndarray:
     corner = np.flatnonzero(of_corner)
     vertex, feet = raw.corners[corner], raw.feet[cells.owner[corner]]
     x = raw.vertices[vertex]
-    gap = [
-        np.einsum("ki,ki->k", samples.points[foot] - x, samples.normals[foot])
-        for foot in (feet[:, 0], feet[:, 1])
-    ]
+    gap, tangent = [], np.ones(len(x), dtype=bool)
+    for side in (0, 1):
+        offset, normal = samples.points[feet[:, side]] - x, samples.normals[feet[:, side]]
+        gap.append(np.einsum("ki,ki->k", offset, normal))
+        # a ball at a concave edge does not touch the faces' planes
+        away = np.linalg.norm(offset - gap[side][:, None] * normal, axis=1)
+        tangent &= away < TANGENT * samples.spacing[feet[:, side]]
     across = samples.normals[feet[:, 0]] - samples.normals[feet[:, 1]]
     length2 = np.einsum("ki,ki->k", across, across)
     step = (gap[0] - gap[1]) / np.maximum(length2, 0.25)
     limit = 0.3 * raw.radius[vertex] / np.sqrt(np.maximum(length2, 0.25))
-    move = across * np.clip(step, -limit, limit)[:, None]
+    move = across * np.where(tangent, np.clip(step, -limit, limit), 0.0)[:, None]
     count = np.maximum(np.bincount(vertex, minlength=len(raw.vertices)), 1)
     total = [np.bincount(vertex, move[:, i], len(raw.vertices)) for i in range(3)]
     return raw.vertices + np.column_stack(total) / count[:, None]
