@@ -381,7 +381,8 @@ def cancelled_and_recorded(answer):
     edge = next(k for k, seed in enumerate(seeds(doc)) if seed[0] < 4.0 and seed[2] > 5.0)
     click(on_screen(seeds(doc)[edge]))
     press("invert")
-    FreeCADGui.runCommand("Std_MacroStopRecord")
+    stop = "Std_MacroStopRecord"  # from 1.0 on the command that began ends as well
+    FreeCADGui.runCommand(stop if stop in FreeCADGui.listCommands() else "Std_DlgMacroRecord")
     wait(200)
     answer["recorded"] = {
         "decisions": list(doc.Midstructure.Decisions),

@@ -46,6 +46,9 @@ class Macro:
             What the method raises.
         """
         self._introduce()
+        self._run(call)
+
+    def _run(self, call: str) -> None:
         FreeCADGui.doCommand(f"{_VARIABLE}.{call}")
         self.steps.update(self._obj.Document.UndoNames[:1])
 
@@ -66,7 +69,7 @@ class Macro:
         # this once the worker has done already what the line asks for
         editor.find = lambda: editor.insert(path, dict(found_from))
         try:
-            self.run("find()")
+            self._run("find()")
         finally:
             del editor.find
 
@@ -93,6 +96,7 @@ class Macro:
 
     def _introduce(self) -> None:
         """Name the editor where a macro that is being recorded has not seen it yet."""
+        # from FreeCAD 1.0 on there is no such command, and nothing tells
         stop = FreeCADGui.Command.get("Std_MacroStopRecord")
         recording = stop.isActive() if stop else None
         if self._introduced and recording is not None and recording == self._recording:

@@ -209,10 +209,12 @@ class MidstructurePanel:
         """Close with the document."""
         if doc.Name == self._document:
             self._close()
+            self._mark.close()
 
     def _close_if_gone(self) -> None:
         if not self._closed and any(map(is_deleted, (self._obj, self._volume, self._source))):
             self._close()
+            self._mark.close()
 
     # What is shown.
 

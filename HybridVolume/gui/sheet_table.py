@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 COLUMNS = ("Sheet", "Area", "Distance", "Between", "Why")
 NAME, AREA, RADIUS, FACES, WHY = range(5)
-WIDTHS = (92, 52, 94, 90)
+WIDTHS = (104, 48, 88, 86)
 
 _NUMBER = QtCore.Qt.UserRole
 _SORTED_BY = QtCore.Qt.UserRole + 1

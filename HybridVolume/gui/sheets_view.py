@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 REMOVED_COLOUR = (0.90, 0.92, 0.96)
 REMOVED_TRANSPARENCY = 0.88
-OUTLINE_TRANSPARENCY = 0.50
+OUTLINE_TRANSPARENCY = 0.65
 MARKED_TRANSPARENCY = 0.45
 SLIGHT = 0.004
 """Share of the whole area below which a removed sheet is not drawn; the table still has it."""
@@ -155,16 +155,16 @@ class SheetsScene:
 
     def _build(self, midstructure: Midstructure) -> None:
         self._clear()
-        points, facets = midstructure.vertices, midstructure.facets
-        normals, corner_normals = _smooth_normals(points, facets, midstructure.sheet)
-        _set(self._points.point, points.tolist())
+        facets = midstructure.facets
+        vertex, normals, places = _smooth_normals(midstructure.vertices, facets, midstructure.sheet)
+        _set(self._points.point, midstructure.vertices[vertex].tolist())
         _set(self._normals.vector, normals.tolist())
         order = np.argsort(midstructure.sheet, kind="stable")
         bounds = np.searchsorted(midstructure.sheet[order], np.arange(len(midstructure.sheets) + 1))
         slight = SLIGHT * sum(sheet.area for sheet in midstructure.sheets)
         for number, sheet in enumerate(midstructure.sheets):
             mine = order[bounds[number] : bounds[number + 1]]
-            nodes = _SheetNodes(number, mine, facets[mine], corner_normals[mine])
+            nodes = _SheetNodes(number, mine, facets[mine], places[mine])
             nodes.slight = sheet.area < slight
             self.sheets.append(nodes)
             self._kept.addChild(nodes.kept)
@@ -183,17 +183,18 @@ class _SheetNodes:
     """Nodes of one sheet: a part with what is kept of it and a part with what is not."""
 
     def __init__(
-        self, number: int, facet: np.ndarray, corners: np.ndarray, normals: np.ndarray
+        self, number: int, facet: np.ndarray, corners: np.ndarray, places: np.ndarray
     ) -> None:
         self.number = number
         self.slight = False
         self.any_kept = False
         self._facet = facet
         self._corners = corners
-        self._normals = normals
+        self._places = places
         same = (corners == np.roll(corners, 1, axis=1)).sum(axis=1)
         self._kind = np.where(same == 0, 3, np.where(same == 3, 1, 2))  # corners that differ
         self._shown: np.ndarray | None = None
+        self._removed_is_drawn = False
         self._kept_material, self._kept_shape = coin.SoMaterial(), _Shape(thick=True)
         self._fill_material, self._fill = coin.SoMaterial(), _Shape(thick=True)
         self._line_material, self._outline = coin.SoMaterial(), coin.SoIndexedLineSet()
@@ -231,15 +232,15 @@ class _SheetNodes:
         self.any_kept = bool(mine.any())
         self.kept.getChild(0).whichChild = _ON if self.any_kept else _OFF
         if self.any_kept:
-            self._kept_shape.show(self._corners, self._normals, self._kind, mine)
-        # Of a kept sheet only the outline says where the rest would be: a rim near the faces.
-        drawn = not self.slight and not mine.all()
+            self._kept_shape.show(self._places, self._kind, mine)
+        # the rest of a kept sheet, a rim near the faces, is not drawn: it can only be kept as whole
+        drawn = not self.slight and not self.any_kept
         self.removed.getChild(0).whichChild = _ON if drawn else _OFF
-        if drawn:
-            rest = ~mine if not self.any_kept else np.zeros(len(mine), dtype=bool)
-            self._fill.show(self._corners, self._normals, self._kind, rest)
-            solid = ~mine & (self._kind == 3) if not self.any_kept else rest
-            _set(self._outline.coordIndex, _outline(self._corners[solid]))
+        if drawn and not self._removed_is_drawn:
+            self._removed_is_drawn = True
+            self._fill.show(self._places, self._kind, np.ones(len(mine), dtype=bool))
+            solid = self._kind == 3
+            _set(self._outline.coordIndex, _outline(self._corners[solid], self._places[solid]))
 
     def colour(self, marked: tuple[float, float, float] | None) -> None:
         """Draw in the sheet's own colour, or in another one."""
@@ -261,19 +262,14 @@ class _Shape:
         style.lineWidth, style.pointSize = (5.0, 9.0) if thick else (1.0, 1.0)
         self.nodes = (self._triangles, style, self._lines, self._points)
 
-    def show(
-        self, corners: np.ndarray, normals: np.ndarray, kind: np.ndarray, use: np.ndarray
-    ) -> None:
+    def show(self, places: np.ndarray, kind: np.ndarray, use: np.ndarray) -> None:
         """Draw the facets ``use``; ``kind`` is their number of corners that differ."""
-        solid = use & (kind == 3)
-        _set(self._triangles.coordIndex, _index(corners[solid]))
-        _set(self._triangles.normalIndex, _index(normals[solid]))
-        lines = np.sort(corners[use & (kind == 2)], axis=1)[:, ::2]
-        _set(self._lines.coordIndex, _index(lines))
-        _set(self._lines.normalIndex, _index(np.zeros_like(lines)))
-        points = corners[use & (kind == 1)][:, 0]
-        _set(self._points.coordIndex, points.tolist())
-        _set(self._points.normalIndex, np.zeros_like(points).tolist())
+        _set(self._triangles.coordIndex, _index(places[use & (kind == 3)]))
+        lines = places[use & (kind == 2)]
+        # (a, b, b), (a, a, b) and (a, b, a) are one line
+        second = np.where(lines[:, 0] == lines[:, 1], lines[:, 2], lines[:, 1])
+        _set(self._lines.coordIndex, _index(np.column_stack([lines[:, 0], second])))
+        _set(self._points.coordIndex, places[use & (kind == 1)][:, 0].tolist())
 
 
 def _set(field: Any, values: list) -> None:
@@ -288,33 +284,44 @@ def _index(rows: np.ndarray) -> list[int]:
     return np.hstack([rows, np.full((len(rows), 1), -1)]).ravel().tolist()
 
 
-def _outline(triangles: np.ndarray) -> list[int]:
-    """Sides that belong to one triangle only, as lines of Coin."""
-    sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    unique, count = np.unique(sides, axis=0, return_counts=True)
-    return _index(unique[count == 1])
+def _outline(triangles: np.ndarray, places: np.ndarray) -> list[int]:
+    """Sides that belong to one triangle only, as lines of Coin.
+
+    Parameters
+    ----------
+    triangles : (f, 3) int array
+    places : (f, 3) int array
+        Where the same corners are in the scene.
+    """
+    along = [[0, 1], [1, 2], [2, 0]]
+    sides = np.sort(triangles[:, along].reshape(-1, 2), axis=1).astype(np.int64)
+    key = sides[:, 0] * (sides.max(initial=0) + 1) + sides[:, 1]
+    _, first, count = np.unique(key, return_index=True, return_counts=True)
+    return _index(places[:, along].reshape(-1, 2)[first[count == 1]])
 
 
 def _smooth_normals(
     points: np.ndarray, facets: np.ndarray, sheet: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Normals at the corners, smooth within each sheet, and their numbers for each facet.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Normals that are smooth within each sheet, with places of their own for the corners.
 
     Facets of a sheet are wound in no common sense: a corner takes the normal or its opposite,
     whichever agrees with the facet.
 
     Returns
     -------
-    normals : (2 k, 3) array
-    number : (f, 3) int array
+    vertex : (k,) int array
+        The point at each place.
+    normals : (k, 3) array
+    places : (f, 3) int array
+        Of each facet's corners.
     """
     x = points[facets]
     flat = np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
     size = np.linalg.norm(flat, axis=1)
     key = (sheet[:, None].astype(np.int64) * len(points) + facets).ravel()
-    _, corner = np.unique(key, return_inverse=True)
-    corner = corner.ravel()
-    count = int(corner.max()) + 1 if len(corner) else 0
+    unique, corner = np.unique(key, return_inverse=True)
+    corner, count = corner.ravel(), len(unique)
     facet = np.repeat(np.arange(len(facets)), 3)
     # the largest facet at a corner says which of the two senses is summed
     largest = np.zeros(count, dtype=np.int64)
@@ -322,13 +329,14 @@ def _smooth_normals(
     largest[corner[order]] = facet[order]
     sense = np.sign(np.einsum("ki,ki->k", flat[facet], flat[largest[corner]]))
     total = np.column_stack(
-        [np.bincount(corner, sense * flat[facet, i], count) for i in range(3)]
-    ) if count else np.zeros((0, 3))  # fmt: skip
+        [np.bincount(corner, sense * flat[facet, i], minlength=count) for i in range(3)]
+    ).reshape(-1, 3)
     length = np.linalg.norm(total, axis=1, keepdims=True)
     total = np.where(length > 0.0, total / np.where(length > 0.0, length, 1.0), (0.0, 0.0, 1.0))
     along = np.einsum("ki,ki->k", flat[facet], total[corner]) >= 0.0
-    number = np.where(along, corner, corner + count).reshape(-1, 3)
-    return np.vstack([total, -total]), number
+    used, places = np.unique(np.where(along, corner, corner + count), return_inverse=True)
+    vertex = unique[used % count] % len(points) if count else used
+    return vertex, np.vstack([total, -total])[used], places.reshape(-1, 3)
 
 
 def _preferred_colour(hovered: bool) -> tuple[float, float, float]:
