@@ -436,7 +436,9 @@ def grow_shell(
     if not isinstance(thickness, Thickness):
         thickness = Thickness("w0", float(thickness))
     goal, notes = goal_levels(thickness, surface, grower.frame, field)
-    asked, top = float(grower.area @ goal), float(goal.max())
+    top = float(goal.max())
+    # the mean of one and the same number has rounding in it
+    asked = top if goal.min() == top else float(grower.area @ goal)
     level = field.largest_level(surface.genus, top)
     if level < 0.05 * top:
         # the field is torn by necks at every level, but the columns cross them undisturbed
