@@ -18,6 +18,8 @@ SPACING = 0.3
 GAIN = 0.03
 # The surface is ahead of an end where the cosine to its nearest point is larger.
 AHEAD = 0.6
+# Steps of a quarter of the radius that an end is led on at most: the fire took about as much.
+FORWARD = 8
 # Vertices of one branch at most.
 MOST = 2000
 
@@ -77,7 +79,12 @@ def _evenly(
     degree = np.bincount(branches.ends.ravel(), minlength=count)
     edges, owner = [], []
     for k, (path, ends) in enumerate(zip(branches.paths, branches.ends, strict=True)):
-        path = _trimmed(distance, _combed(path), degree[ends] == 1)
+        free = degree[ends] == 1
+        path = _trimmed(distance, _combed(path), free)
+        if free[1]:
+            path = _extended(distance, path)
+        if free[0]:
+            path = _extended(distance, path[::-1])[::-1]
         nodes[ends[0]], nodes[ends[1]] = path[0], path[-1]
         length = np.linalg.norm(np.diff(path, axis=0), axis=1)
         radius = distance(path)
@@ -107,6 +114,29 @@ def _trimmed(distance: SurfaceDistance, path: np.ndarray, free: np.ndarray) -> n
                 break
             low, high = (low + 1, high) if side == 0 else (low, high - 1)
     return path[low : high + 1]
+
+
+def _extended(distance: SurfaceDistance, path: np.ndarray) -> np.ndarray:
+    """The last end led on in the middle of the body until the surface is ahead."""
+    end = path[-1]
+    radius = float(distance(end[None])[0])
+    behind = np.flatnonzero(np.linalg.norm(path - end, axis=1) > radius)
+    way = end - path[behind[-1] if len(behind) else 0]
+    way = way / max(float(np.linalg.norm(way)), np.finfo(float).tiny)
+    added = [path]
+    for _ in range(FORWARD):
+        trial = (end + 0.25 * radius * way)[None]
+        feet = distance.nearest(trial)
+        if feet.distance[0] < 0.8 * radius:
+            break
+        trial = _drawn(distance, trial, way[None], feet.distance, 3, 0.1)
+        feet = distance.nearest(trial)
+        ahead = float(way @ (feet.points - trial)[0])
+        if ahead > AHEAD * feet.distance[0] or feet.distance[0] < 0.95 * radius:
+            break
+        end, radius = trial[0], float(feet.distance[0])
+        added.append(trial)
+    return np.concatenate(added)
 
 
 def _combed(path: np.ndarray) -> np.ndarray:
@@ -201,6 +231,8 @@ def _drawn(
         vertices[better] = trial[rows, best][better]
         radius[better] = value[rows, best][better]
         length[~better] *= 0.5
+        if (length < 1e-3 * radius).all():
+            break
     return vertices
 
 

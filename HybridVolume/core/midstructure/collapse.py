@@ -23,6 +23,8 @@ from ..tetmesh.mesh import FACES, row_keys
 FACING = 0.35
 # What is left at a smaller depth, in units of half the local thickness, burns at once.
 SHALLOW = 0.6
+# Depth of what is in the middle, in the same units.
+MIDDLE = 0.85
 # Speed of the fire along triangles, and along edges; 1 in the volume. Ways over a mesh are detours:
 # a slower fire would never catch up with the front that runs ahead of it.
 SPEED = 1.5
@@ -119,6 +121,9 @@ class _Fire:
         self.face_bias = 1e-6 * depth[triangles].mean(axis=1)
         deep = depth > SHALLOW * scale
         self.deep_edge = deep[self.pairs].any(axis=1)
+        # what counts of a burnt branch: the ways to the surface beside it are of no use
+        middle = (depth > MIDDLE * scale)[self.pairs].all(axis=1)
+        self.worth = np.where(middle, self.length, 1e-6 * self.length)
         self.deep_face = deep[triangles].any(axis=1)
         self.wait = _waits(points, inward, tets)
         self.wait[~deep[tets].any(axis=1)] = 0.0
@@ -141,7 +146,7 @@ class _Fire:
         tet_time, face_bias = self.tet_time.tolist(), self.face_bias.tolist()
         height = self.height.tolist()
         deep_edge, deep_face = self.deep_edge.tolist(), self.deep_face.tolist()
-        wait = self.wait.tolist()
+        wait, worth = self.wait.tolist(), self.worth.tolist()
         alone_since = [0.0] * edges
         face_lives, edge_lives, kept = [True] * faces, [True] * edges, [False] * edges
         fuel: dict[int, tuple[float, int]] = {}
@@ -221,7 +226,7 @@ class _Fire:
                     continue
                 u, v = pairs[e]
                 last = u + v - cell
-                burnt = fuel.get(cell, (0.0, -1))[0] + length[e]
+                burnt = fuel.get(cell, (0.0, -1))[0] + worth[e]
                 if burnt > fuel.get(last, (0.0, -1))[0]:
                     fuel[last] = (burnt, cell)
                 edges_at[cell] = 0
