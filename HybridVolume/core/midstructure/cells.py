@@ -37,6 +37,9 @@ NEIGHBOURS = 24
 FINER = 8
 # Side of the cubes in which balls are looked for, in radii.
 CUBE = 0.16
+GROUPS = 24
+# Balls whose neighbours are looked for at a time.
+ASKED = 256
 # Four whole numbers as one, which wraps around.
 HASH = np.array([0x9E3779B97F4A7C1, 0xC2B2AE3D27D4EB4, 0x165667B19E3779F, 0x27D4EB2F165667C])
 
@@ -153,15 +156,18 @@ class Cells:
         asked = np.unique(label[: len(some)])
         ask, size = centre[first[asked]], radius[first[asked]]
         rivals = first[radius[first] > size.min()]
-        around = cKDTree(centre[rivals]).query_ball_point(ask, AROUND * size)
-        count = np.array([len(a) for a in around])
-        flat = rivals[np.concatenate([np.asarray(a, dtype=np.int64) for a in around])]
-        away = np.linalg.norm(centre[flat] - np.repeat(ask, count, axis=0), axis=1)
-        # a tapered bar has its ridge all along
-        larger = np.minimum(radius[flat] / RIDGE, radius[flat] - SLOPE * away)
         summit = np.zeros(len(first))
-        owner = np.repeat(asked, count)
-        np.maximum.at(summit, owner, larger)
+        tree = cKDTree(centre[rivals])
+        # a few at a time: the lists of all neighbours would take gigabytes
+        for low in range(0, len(ask), ASKED):
+            part = slice(low, low + ASKED)
+            around = tree.query_ball_point(ask[part], AROUND * size[part])
+            count = np.array([len(a) for a in around])
+            flat = rivals[np.concatenate([np.asarray(a, dtype=np.int64) for a in around])]
+            away = np.linalg.norm(centre[flat] - np.repeat(ask[part], count, axis=0), axis=1)
+            # a tapered bar has its ridge all along
+            larger = np.minimum(radius[flat] / RIDGE, radius[flat] - SLOPE * away)
+            np.maximum.at(summit, np.repeat(asked[part], count), larger)
         result = np.zeros(len(self.candidate), dtype=bool)
         result[some[self.radius[some] >= summit[label[: len(some)]]]] = True
         return result
