@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from itertools import chain
+
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
@@ -28,6 +30,7 @@ RESOLVED = 2.5
 # A cell is a ridge when no ball within so many of its radii is larger both by this factor and by
 # this slope; the sheet of a convex right angle rises by 0.7.
 AROUND = 1.5
+NEAR = 0.5
 RIDGE = 1.12
 SLOPE = 0.3
 # A sample is beside an edge within so many sample spacings; it has one behind the edge among so
@@ -37,7 +40,6 @@ NEIGHBOURS = 24
 FINER = 8
 # Side of the cubes in which balls are looked for, in radii.
 CUBE = 0.16
-GROUPS = 24
 # Balls whose neighbours are looked for at a time.
 ASKED = 256
 # Four whole numbers as one, which wraps around.
@@ -146,28 +148,24 @@ class Cells:
         raw = self.raw
         centre = np.concatenate([self.centre[some], raw.balls])
         radius = np.concatenate([self.radius[some], raw.ball_radius])
-        # one representative, the largest ball, in every cube of a part of the radius
-        level = np.floor(np.log2(np.maximum(radius, np.finfo(float).tiny)))
-        place = np.floor((centre - self.centre.mean(axis=0)) / (CUBE * 2.0**level)[:, None])
-        key = np.column_stack([level, place]).astype(np.int64) @ HASH
-        _, label = np.unique(key, return_inverse=True)
-        order = np.lexsort([-radius, label])
-        first = order[np.unique(label[order], return_index=True)[1]]
+        label, first = _largest(centre, radius, CUBE)
         asked = np.unique(label[: len(some)])
         ask, size = centre[first[asked]], radius[first[asked]]
-        rivals = first[radius[first] > size.min()]
         summit = np.zeros(len(first))
-        tree = cKDTree(centre[rivals])
-        # a few at a time: the lists of all neighbours would take gigabytes
-        for low in range(0, len(ask), ASKED):
-            part = slice(low, low + ASKED)
-            around = tree.query_ball_point(ask[part], AROUND * size[part])
-            count = np.array([len(a) for a in around])
-            flat = rivals[np.concatenate([np.asarray(a, dtype=np.int64) for a in around])]
-            away = np.linalg.norm(centre[flat] - np.repeat(ask[part], count, axis=0), axis=1)
-            # a tapered bar has its ridge all along
-            larger = np.minimum(radius[flat] / RIDGE, radius[flat] - SLOPE * away)
-            np.maximum.at(summit, np.repeat(asked[part], count), larger)
+        # near by all balls count, farther away the largest of larger cubes are enough
+        for rivals, reach in ((first, NEAR), (_largest(centre, radius, 3.0 * CUBE)[1], AROUND)):
+            rivals = rivals[radius[rivals] > size.min()]
+            tree = cKDTree(centre[rivals])
+            # a few at a time: the lists of all neighbours would take gigabytes
+            for low in range(0, len(ask), ASKED):
+                part = slice(low, low + ASKED)
+                around = tree.query_ball_point(ask[part], reach * size[part], return_sorted=False)
+                count = np.array([len(a) for a in around])
+                flat = rivals[np.fromiter(chain.from_iterable(around), np.int64, count.sum())]
+                away = np.linalg.norm(centre[flat] - np.repeat(ask[part], count, axis=0), axis=1)
+                # a tapered bar has its ridge all along
+                larger = np.minimum(radius[flat] / RIDGE, radius[flat] - SLOPE * away)
+                np.maximum.at(summit, np.repeat(asked[part], count), larger)
         result = np.zeros(len(self.candidate), dtype=bool)
         result[some[self.radius[some] >= summit[label[: len(some)]]]] = True
         return result
@@ -215,6 +213,16 @@ class Cells:
             goes = np.full(len(part), -1)
             goes[small] = links[first, 1]
             result = np.where(result < 0, goes[part], result)
+
+
+def _largest(centre: np.ndarray, radius: np.ndarray, cube: float) -> tuple[np.ndarray, np.ndarray]:
+    """Cube of every ball, whose side is a part of the radius, and the largest ball in each."""
+    level = np.floor(np.log2(np.maximum(radius, np.finfo(float).tiny)))
+    place = np.floor((centre - centre.mean(axis=0)) / (cube * 2.0**level)[:, None])
+    key = np.column_stack([level, place]).astype(np.int64) @ HASH
+    _, label = np.unique(key, return_inverse=True)
+    order = np.lexsort([-radius, label])
+    return label, order[np.unique(label[order], return_index=True)[1]]
 
 
 def _named_feet(feet: np.ndarray, samples: Samples, groups: SmoothGroups) -> np.ndarray:
