@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial import Delaunay
-from test_core_harmonic import midstructure_of
+from test_core_harmonic import midstructure_of, shell_of_a_box
 from test_core_midstructure import axis_of, surface_of
 from test_core_tetmesh import icosphere
 
@@ -242,6 +242,19 @@ def test_closed_surfaces_stay_closed():
     # small beside its distance to the surface, and still round
     c = even(own(0.1 * x, f, radius=4.0), 1.0)
     assert euler(c) == 2 and area_of(c) == pytest.approx(0.04 * np.pi, rel=0.06)
+
+
+def test_closed_box_keeps_its_edges():
+    """Faces of 3x1x0.4 mm in one piece: edges and corners stay where they are."""
+    low, high = np.array([0.5, 0.5, 0.3]), np.array([3.5, 1.5, 0.7])
+    for size in (0.1, 0.2):
+        c = even(own(*shell_of_a_box(low - 1.0, high - 1.0), radius=0.3), size)
+        check_even(c, size)
+        assert euler(c) == 2 and area_of(c) == pytest.approx(9.2, rel=2e-3)
+        for corner in np.ndindex(2, 2, 2):
+            x = np.where(corner, high, low) - 1.0
+            assert np.linalg.norm(c.vertices - x, axis=1).min() < 1e-3
+        assert not len(c.rest)
 
 
 def test_lines_and_points():

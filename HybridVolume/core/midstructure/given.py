@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from .closest import Carrier
 from .curves import corners
-from .remesh import Remesher
+from .remesh import CREASE, Remesher
 from .shapes import Edges
 from .sheets import Midstructure
 
@@ -87,8 +87,8 @@ class Given:
         # ends, branches and points
         self.ends = self.lines[degree != 2]
         self.used = np.unique(self.triangles)
-        # what a user draws has edges; on a medial axis they are noise unless two sheets meet there
-        self.sharp = midstructure.method == "own"
+        # on a medial axis creases are noise, unless two sheets meet there
+        self.sharp = midstructure.figures is None
         self.wanted = np.minimum(wanted(self.radius), self._round())
         self._tree = cKDTree(self.vertices[self.used])
         size = self.wanted[self.triangles].mean(axis=1)
@@ -152,7 +152,7 @@ class Given:
         points = self._thinned(DETAIL * self.wanted, rank)
         chosen = points[spread(x[points], DETAIL * self.wanted[points], rank[points])]
         label = np.arange(len(x))
-        label[self.used] = chosen[cKDTree(x[chosen]).query(x[self.used])[1]]
+        label[self.used] = self._nearest(mesh, self.used, chosen, rank)
         on_curve = self.used[rank[self.used] < 3]
         if len(on_curve):
             of_curves = chosen[rank[chosen] < 3]
@@ -160,6 +160,34 @@ class Given:
         mesh.fixed = rank == 0
         mesh.merge(label)
         return mesh
+
+    def _nearest(
+        self, mesh: Remesher, which: np.ndarray, chosen: np.ndarray, rank: np.ndarray
+    ) -> np.ndarray:
+        """The nearest of the chosen vertices for each of some, but not around a corner."""
+        x, tree = self.vertices, cKDTree(self.vertices[chosen])
+        result = chosen[tree.query(x[which])[1]]
+        corner = x[mesh.t]
+        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        area = np.linalg.norm(normal, axis=1)
+        order = np.argsort(area, kind="stable")
+        unit = np.zeros_like(x)
+        for k in range(3):
+            # the largest triangle comes last and stays
+            unit[mesh.t[order, k]] = (normal / np.maximum(area, 1e-300)[:, None])[order]
+
+        def astray(vertex: np.ndarray, to: np.ndarray) -> np.ndarray:
+            cosine = np.abs(np.einsum("...i,...i->...", unit[vertex], unit[to]))
+            return (rank[to] == 3) & (rank[vertex] == 3) & (cosine < np.cos(np.radians(CREASE)))
+
+        wrong = np.flatnonzero(astray(which, result))
+        if len(wrong):
+            number = min(12, len(chosen))
+            near = chosen[tree.query(x[which[wrong]], k=number)[1].reshape(len(wrong), number)]
+            good = ~astray(which[wrong][:, None], near)
+            found = good.any(axis=1)
+            result[wrong[found]] = near[found, good[found].argmax(axis=1)]
+        return result
 
     def _thinned(self, spacing: np.ndarray, rank: np.ndarray) -> np.ndarray:
         """Vertices of triangles, one of the lowest rank in each cell of a quarter of a spacing."""
