@@ -8,6 +8,7 @@ import logging
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ...errors import FaultError
 from ..surface import PatchSurface
@@ -26,6 +27,8 @@ EDGE_SHARE = 0.05
 STRAY_SHARE = 0.05
 # A ball touches a face's plane within so many sample spacings of the sample.
 TANGENT = 1.5
+# A sliver of a ridge has so many cells of ridges within its radius, itself included.
+COMPANY = 8
 PROBES = ("probe_points", "probe_radius", "probe_patch")
 
 
@@ -131,7 +134,15 @@ def _partition(cells: Cells, ridge: np.ndarray) -> np.ndarray:
     """Sheet of every cell, -1 for noise."""
     part = cells.parts()
     # slivers of ridges are many and tiny: one sheet for all that belong to one pair
-    return np.where(ridge & (part < 0), len(part) + cells.group, part)
+    sliver = np.flatnonzero(ridge & (part < 0))
+    if (part >= 0).any() and len(sliver):
+        # a few alone are noise of a rounded edge
+        every = np.flatnonzero(ridge)
+        number = min(COMPANY, len(every))
+        away = cKDTree(cells.centre[every]).query(cells.centre[sliver], k=[number])[0][:, 0]
+        sliver = sliver[(away < cells.radius[sliver]) & (number == COMPANY)]
+    part[sliver] = len(part) + cells.group[sliver]
+    return part
 
 
 def _fans(raw: VoronoiFacets, owner: np.ndarray, use: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
