@@ -13,7 +13,7 @@ from HybridVolume.core.assembly import build_surface
 from HybridVolume.core.cones import most_inward
 from HybridVolume.core.front import check_surface, column_frame
 from HybridVolume.core.growth import _nodal_matrix, _polynomial_correction
-from HybridVolume.core.levels import Spacing, spaced_layers, uniform_layers
+from HybridVolume.core.levels import spaced_layers, uniform_layers
 from HybridVolume.core.refinement import flatten_spans, insert_knots, split_spans
 from HybridVolume.core.shell import Shell
 from HybridVolume.core.untangle import ColumnEnergy
