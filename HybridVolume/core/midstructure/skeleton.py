@@ -58,7 +58,7 @@ def curve_skeleton(surface: PatchSurface, samples: int = 0) -> Midstructure:
     Raises
     ------
     InputError
-        The body has cavities: no curve surrounds them.
+        The body has cavities: no curve surrounds them. Or it is too thin for its size.
     FaultError
         The graph has not the loops of the body.
     """
@@ -85,7 +85,7 @@ def curve_skeleton(surface: PatchSurface, samples: int = 0) -> Midstructure:
 
 def _branches(distance: SurfaceDistance, thickness: Thickness, genus: int, cells: int) -> Branches:
     """Branches with as many loops as the body has handles; smaller cells where they are wrong."""
-    found = "nothing inside the body"
+    found = ""
     for limit in (cells, 3 * cells):
         for size, thin in SIZES if limit == cells else ((0.3, 0.0), *SIZES):
             half = np.maximum(thickness.half, _quantile(thickness, thin))
@@ -96,7 +96,10 @@ def _branches(distance: SurfaceDistance, thickness: Thickness, genus: int, cells
             scale = np.maximum(lattice.depth, half[thickness.of_sample[near]])
             for peel in PEELS:
                 inside = _inside(distance, lattice, peel * scale)
-                handles = None if inside is None else 1 - _euler(inside)
+                if inside is None:
+                    found = "nothing inside"
+                    continue
+                handles = 1 - _euler(inside)
                 if handles != genus:
                     found = f"{handles} handles in place of {genus}"
                     log.info("cells of %g of the thickness: %s", size, found)
@@ -109,6 +112,12 @@ def _branches(distance: SurfaceDistance, thickness: Thickness, genus: int, cells
                     return branches_of(graph, points, lattice.depth, scale)
                 found = "a cavity"
             break
+    if not found:
+        raise InputError(
+            f"the body is too thin for its size: {3 * cells} cells are not enough for its skeleton",
+            figure=float(3 * cells),
+            remedy="give more samples, or use the medial axis",
+        )
     raise FaultError(
         f"the curve skeleton is wrong: {found}",
         remedy="give more samples, or use the medial axis",

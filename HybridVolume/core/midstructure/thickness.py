@@ -14,9 +14,9 @@ from .distances import SurfaceDistance
 from .samples import Samples, inner_radius
 
 # Places of the surface that are asked.
-PLACES = 6000
+PLACES = 3000
 # Samples that may stop a ball.
-BALLS = 16_000
+BALLS = 12_000
 # Cosine between the normals of opposite sides, at most.
 OPPOSITE = -0.6
 # A ball tells the thickness of the surface within this many of its radii in front of it: the
