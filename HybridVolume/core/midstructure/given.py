@@ -164,9 +164,11 @@ class Given:
     def _nearest(
         self, mesh: Remesher, which: np.ndarray, chosen: np.ndarray, rank: np.ndarray
     ) -> np.ndarray:
-        """The nearest of the chosen vertices for each of some, but not around a corner."""
+        """The nearest of the chosen vertices for each of some, but not around an edge."""
         x, tree = self.vertices, cKDTree(self.vertices[chosen])
         result = chosen[tree.query(x[which])[1]]
+        if not self.sharp:
+            return result
         corner = x[mesh.t]
         normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         area = np.linalg.norm(normal, axis=1)
