@@ -29,6 +29,8 @@ STRAY_SHARE = 0.05
 TANGENT = 1.5
 # A sliver of a ridge has so many cells of ridges within its radius, itself included.
 COMPANY = 8
+# Share of the surface where the body may be thinner than the samples without a word.
+UNSEEN_SHARE = 0.1
 PROBES = ("probe_points", "probe_radius", "probe_patch")
 
 
@@ -64,6 +66,14 @@ def medial_axis(surface: PatchSurface, samples: int = 0, *, seed: int = 0) -> Mi
     if not cells.candidate.any():
         raise FaultError("no inner Voronoi facet was found", remedy="use more samples")
     found = probes(surface, samples=drawn, group=groups.of_patch)
+    unseen = float((found[1] < 0.5 * np.median(drawn.spacing)).mean())
+    if unseen > UNSEEN_SHARE:
+        log.warning(
+            "%.0f %% of the surface is thinner than %d samples can tell: sheets may be missing"
+            " there; use more samples",
+            100.0 * unseen,
+            len(drawn.points),
+        )
     places = dict(zip(PROBES, found, strict=True))
     result = replace(_build(surface, cells), **places).choose()
     if not result.kept.any():
