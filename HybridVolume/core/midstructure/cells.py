@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import chain
 
 import numpy as np
@@ -42,6 +43,8 @@ FINER = 8
 CUBE = 0.16
 # Balls whose neighbours are looked for at a time.
 ASKED = 256
+# Neighbours that are looked at first.
+FEW = 12
 # Four whole numbers as one, which wraps around.
 HASH = np.array([0x9E3779B97F4A7C1, 0xC2B2AE3D27D4EB4, 0x165667B19E3779F, 0x27D4EB2F165667C])
 
@@ -150,22 +153,25 @@ class Cells:
         radius = np.concatenate([self.radius[some], raw.ball_radius])
         label, first = _largest(centre, radius, CUBE)
         asked = np.unique(label[: len(some)])
-        ask, size = centre[first[asked]], radius[first[asked]]
         summit = np.zeros(len(first))
-        # near by all balls count, farther away the largest of larger cubes are enough
-        for rivals, reach in ((first, NEAR), (_largest(centre, radius, 3.0 * CUBE)[1], AROUND)):
+        # far away the largest balls of larger cubes are enough; near by all count, but only for
+        # those that are not outdone yet, most of them by one of a few neighbours
+        coarse = _largest(centre, radius, 3.0 * CUBE)[1]
+        for rivals, reach, neighbours in (
+            (coarse, AROUND, _some_near),
+            (coarse, AROUND, _all_near),
+            (first, NEAR, _all_near),
+        ):
+            asked = asked[radius[first[asked]] >= summit[asked]]
+            if not len(asked):
+                break
+            ask, size = centre[first[asked]], radius[first[asked]]
             rivals = rivals[radius[rivals] > size.min()]
-            tree = cKDTree(centre[rivals])
-            # a few at a time: the lists of all neighbours would take gigabytes
-            for low in range(0, len(ask), ASKED):
-                part = slice(low, low + ASKED)
-                around = tree.query_ball_point(ask[part], reach * size[part], return_sorted=False)
-                count = np.array([len(a) for a in around])
-                flat = rivals[np.fromiter(chain.from_iterable(around), np.int64, count.sum())]
-                away = np.linalg.norm(centre[flat] - np.repeat(ask[part], count, axis=0), axis=1)
+            for owner, found, away in neighbours(centre[rivals], ask, reach * size):
+                rival = radius[rivals[found]]
                 # a tapered bar has its ridge all along
-                larger = np.minimum(radius[flat] / RIDGE, radius[flat] - SLOPE * away)
-                np.maximum.at(summit, np.repeat(asked[part], count), larger)
+                larger = np.minimum(rival / RIDGE, rival - SLOPE * away)
+                np.maximum.at(summit, asked[owner], larger)
         result = np.zeros(len(self.candidate), dtype=bool)
         result[some[self.radius[some] >= summit[label[: len(some)]]]] = True
         return result
@@ -213,6 +219,32 @@ class Cells:
             goes = np.full(len(part), -1)
             goes[small] = links[first, 1]
             result = np.where(result < 0, goes[part], result)
+
+
+Neighbours = Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]
+"""Numbers of places asked and of points near them, and their distances, in portions."""
+
+
+def _some_near(points: np.ndarray, ask: np.ndarray, reach: np.ndarray) -> Neighbours:
+    """At most a few of the points within reach of each place."""
+    number = min(FEW, len(points))
+    away, found = cKDTree(points).query(ask, k=number)
+    away, found = away.reshape(len(ask), number), found.reshape(len(ask), number)
+    owner, place = np.nonzero(away <= reach[:, None])
+    yield owner, found[owner, place], away[owner, place]
+
+
+def _all_near(points: np.ndarray, ask: np.ndarray, reach: np.ndarray) -> Neighbours:
+    """All points within reach of each place."""
+    tree = cKDTree(points)
+    # a few at a time: the lists of all neighbours would take gigabytes
+    for low in range(0, len(ask), ASKED):
+        part = slice(low, low + ASKED)
+        around = tree.query_ball_point(ask[part], reach[part], return_sorted=False)
+        count = np.array([len(a) for a in around])
+        owner = low + np.repeat(np.arange(len(count)), count)
+        found = np.fromiter(chain.from_iterable(around), np.int64, count.sum())
+        yield owner, found, np.linalg.norm(points[found] - ask[owner], axis=1)
 
 
 def _largest(centre: np.ndarray, radius: np.ndarray, cube: float) -> tuple[np.ndarray, np.ndarray]:

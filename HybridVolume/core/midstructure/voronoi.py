@@ -155,13 +155,16 @@ def _shared_edges(
     p, q = feet[facet, 0], feet[facet, 1]
     holds = (faces == p[:, None, None]).any(axis=2) & (faces == q[:, None, None]).any(axis=2)
     row, which = np.nonzero(holds)
-    keys = row_keys(faces[row, which], n)
-    entries = np.unique(np.column_stack([keys, facet[row]]), axis=0)
-    _, label, count = np.unique(entries[:, 0], return_inverse=True, return_counts=True)
+    _, label = np.unique(row_keys(faces[row, which], n), return_inverse=True)
+    # one number for the pair: rows are slow to make unique
+    total = len(feet)
+    entries = np.unique(label.ravel() * total + facet[row])
+    label, members = entries // total, entries % total
+    count = np.bincount(label, minlength=1)
     first = np.concatenate([[0], np.cumsum(count)])[:-1]
     pairs, edge = [], []
     for a, b in ((0, 1), (0, 2), (1, 2)):
         has = np.flatnonzero(count > b)
-        pairs.append(np.column_stack([entries[first[has] + a, 1], entries[first[has] + b, 1]]))
+        pairs.append(np.column_stack([members[first[has] + a], members[first[has] + b]]))
         edge.append(has)
     return np.concatenate(pairs), np.concatenate(edge)
