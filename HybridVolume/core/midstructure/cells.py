@@ -44,7 +44,7 @@ CUBE = 0.16
 # Balls whose neighbours are looked for at a time.
 ASKED = 256
 # Neighbours that are looked at first.
-FEW = 12
+FEW = 24
 # Four whole numbers as one, which wraps around.
 HASH = np.array([0x9E3779B97F4A7C1, 0xC2B2AE3D27D4EB4, 0x165667B19E3779F, 0x27D4EB2F165667C])
 
@@ -228,7 +228,7 @@ Neighbours = Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]
 def _some_near(points: np.ndarray, ask: np.ndarray, reach: np.ndarray) -> Neighbours:
     """At most a few of the points within reach of each place."""
     number = min(FEW, len(points))
-    away, found = cKDTree(points).query(ask, k=number)
+    away, found = cKDTree(points).query(ask, k=number, workers=-1)
     away, found = away.reshape(len(ask), number), found.reshape(len(ask), number)
     owner, place = np.nonzero(away <= reach[:, None])
     yield owner, found[owner, place], away[owner, place]
@@ -240,7 +240,7 @@ def _all_near(points: np.ndarray, ask: np.ndarray, reach: np.ndarray) -> Neighbo
     # a few at a time: the lists of all neighbours would take gigabytes
     for low in range(0, len(ask), ASKED):
         part = slice(low, low + ASKED)
-        around = tree.query_ball_point(ask[part], reach[part], return_sorted=False)
+        around = tree.query_ball_point(ask[part], reach[part], return_sorted=False, workers=-1)
         count = np.array([len(a) for a in around])
         owner = low + np.repeat(np.arange(len(count)), count)
         found = np.fromiter(chain.from_iterable(around), np.int64, count.sum())
