@@ -256,6 +256,7 @@ class _Grower:
             first = self.settle(front, goal, 0.1 * FIDELITIES[0])
         self.report(0.4, f"repaired, w = {first.mean:.3g}")
         best = first if first.accepted else None
+        least = np.inf if best is None else self.fault(best, goal)
         misses = 0
         for number, fidelity in enumerate(FIDELITIES):
             # what only improves an accepted state is not worth many repairs
@@ -265,16 +266,13 @@ class _Grower:
                 state = self.merged(best, state)
             self.report(0.5 + 0.1 * number, f"elements optimised, w = {state.mean:.3g}")
             # where an optimised state is worse, a stronger pull may hold the shell nearer
-            if state.accepted and (
-                best is None or self.fault(state, goal) < self.fault(best, goal)
+            fault = self.fault(state, goal) if state.accepted else np.inf
+            misses = 0 if fault < least else misses + 1
+            if fault < least:
+                best, least = state, fault
+            if best is not None and (
+                misses > 1 or least < CLOSE or self.off(best, goal) < 0.5 * CLOSE
             ):
-                best, misses = state, 0
-            else:
-                misses += 1
-            close = best is not None and (
-                self.off(best, goal) < 0.5 * CLOSE or self.fault(best, goal) < CLOSE
-            )
-            if close or (best is not None and misses > 1):
                 break
         return best
 

@@ -324,9 +324,15 @@ def thickness(
     Raises
     ------
     HybridVolumeError
-        As :func:`complete`, as far as the field.
+        As :func:`complete`, as far as the field; a thickness in mm, or factors of faces.
     """
     options = options or Options()
+    if options.thickness or options.face_factors:
+        raise InputError(
+            "the thickness is told for one level w0 everywhere, not for mm or factors of faces",
+            faces=sorted(options.face_factors),
+            remedy="leave them out, or compute the volume, whose report tells the thickness",
+        )
     report = progress or _silent
     stage = midstructure_stage(surface, options, report, own)
     field = field_stage(stage, options, report)

@@ -413,10 +413,6 @@ class PatchSurface:
             self._integrate(lambda x, xu, xv: np.linalg.norm(np.cross(xu, xv), axis=1)).sum()
         )
 
-    def patch_sum(self, element_values: np.ndarray) -> np.ndarray:
-        """Sums of element values over each patch, (np,)."""
-        return np.bincount(self.element_patch, element_values, len(self.patches))
-
     def shared_grid(self, shapes: list[tuple[int, int]]) -> tuple[list[np.ndarray], int]:
         """Number grid points of all patches so that points on shared sides are one.
 

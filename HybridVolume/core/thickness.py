@@ -7,12 +7,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.polynomial.legendre import Legendre
 from scipy.spatial import cKDTree
 
 from ..errors import FaultError
 from .harmonic import HarmonicField
 from .isosurface import isosurface
+from .quadrature import lobatto
 from .surface import PatchSurface
 
 HIGHEST = 0.99
@@ -97,21 +97,12 @@ def surface_places(surface: PatchSurface, count: int) -> tuple[np.ndarray, np.nd
     patch : (m,) int array
     """
     number = int(np.clip(np.sqrt(count / surface.element_count), 3, 40))
-    at, weight = _lobatto(number)
+    at, weight = lobatto(number)
     samples = surface.element_samples(at, at)
     points, along_u, along_v = samples.surface(surface.control_points)
     area = np.linalg.norm(np.cross(along_u, along_v), axis=1)
     area *= np.tile(np.multiply.outer(weight, weight).ravel(), surface.element_count)
     return points, area, np.repeat(surface.element_patch, samples.count)
-
-
-def _lobatto(number: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes on [0, 1], the ends among them, and weights that are exact to degree 2 n - 3."""
-    last = Legendre.basis(number - 1)
-    inner = np.real(last.deriv().roots())
-    x = np.concatenate([[-1.0], inner, [1.0]])
-    weight = 2.0 / (number * (number - 1) * last(x) ** 2)
-    return 0.5 * (x + 1.0), 0.5 * weight
 
 
 def distance_to_triangles(

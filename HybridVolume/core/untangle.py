@@ -15,12 +15,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial import legendre
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from .bezier import bernstein
 from .harmonic import HarmonicField
+from .quadrature import lobatto
 from .surface import PatchSurface
 
 logger = logging.getLogger(__name__)
@@ -133,12 +133,6 @@ def _sample_set(
     )
 
 
-def lobatto(count: int) -> np.ndarray:
-    """Places of Gauss-Lobatto quadrature on [0, 1], both ends among them."""
-    inner = legendre.legroots(legendre.legder(np.eye(count)[-1]))
-    return np.concatenate([[0.0], 0.5 + 0.5 * inner, [1.0]])
-
-
 def _reference_frames(s_u: np.ndarray, s_v: np.ndarray, thickness: np.ndarray) -> np.ndarray:
     """Right-handed frames (s_v, s_u, T n), squared off where s_u and s_v nearly agree."""
     normal = -np.cross(s_u, s_v)
@@ -224,7 +218,7 @@ class ColumnEnergy:
         self.shares: list[float] = []
         # as many samples as coefficients: what folds between them is found by the proof
         degree = max(max(patch.degrees) for patch in surface.patches)
-        self._watch(self.elements, lobatto(min(max(degree + 1, 4), 8)), ACROSS)
+        self._watch(self.elements, lobatto(min(max(degree + 1, 4), 8))[0], ACROSS)
 
     def _watch(self, elements: np.ndarray, uv: np.ndarray, w: np.ndarray) -> None:
         samples = _sample_set(self.surface, self.reference, self.degree_w, uv, w, elements)
