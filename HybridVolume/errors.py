@@ -5,6 +5,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place on the body where something is wrong.
+
+    Attributes
+    ----------
+    face : str
+        Name of the CAD face, e.g. ``"Face7"``.
+    u, v : float
+        Where on the face, as shares of its parameter ranges, in [0, 1].
+    point : tuple of float
+        The same place in space, mm.
+    what : str
+        What is wrong there, in a few words.
+    """
+
+    face: str
+    u: float
+    v: float
+    point: tuple[float, float, float]
+    what: str
 
 
 class HybridVolumeError(Exception):
@@ -20,6 +44,8 @@ class HybridVolumeError(Exception):
         The figure that decided (mm, or relative as the message says).
     remedy : str
         What the user can do.
+    places : sequence of Place
+        Where, as exactly as is known.
     """
 
     code = "error"
@@ -31,11 +57,13 @@ class HybridVolumeError(Exception):
         faces: Sequence[str] = (),
         figure: float | None = None,
         remedy: str = "",
+        places: Sequence[Place] = (),
     ) -> None:
         self.message = message
         self.faces = tuple(faces)
         self.figure = figure
         self.remedy = remedy
+        self.places = tuple(places)
         super().__init__(self.line)
 
     @property
@@ -55,6 +83,7 @@ class HybridVolumeError(Exception):
             "faces": list(self.faces),
             "figure": self.figure,
             "remedy": self.remedy,
+            "places": [asdict(place) for place in self.places],
         }
 
 
@@ -175,4 +204,7 @@ def from_dict(values: dict) -> HybridVolumeError:
         faces=values.get("faces", ()),
         figure=values.get("figure"),
         remedy=values.get("remedy", ""),
+        places=[
+            Place(**{**place, "point": tuple(place["point"])}) for place in values.get("places", ())
+        ],
     )

@@ -125,7 +125,7 @@ def rewritten(stored, path, old, new):
 @pytest.mark.parametrize(
     "old, new, word",
     [
-        (b'"version": 2', b'"version": 3', "version 3"),
+        (b'"version": 3', b'"version": 4', "version 4"),
         (b'"format": "HybridVolume"', b'"format": "something"', "not a hybrid volume"),
         (b'"degree_w": 3', b'"degree_q": 3', "degree_q"),
         (b'"type": "Shell"', b'"type": "Popen"', "damaged"),
@@ -216,5 +216,5 @@ def test_a_midstructure_alone_is_read_back_bit_for_bit(stored, tmp_path):
 
 def test_a_volume_of_version_1_is_read(stored, tmp_path):
     path = tmp_path / "old.npz"
-    rewritten(stored, path, b'"version": 2', b'"version": 1')
+    rewritten(stored, path, b'"version": 3', b'"version": 1')
     assert differences(make_volume("torus"), HybridVolume.load(path)) == []

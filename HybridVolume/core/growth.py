@@ -434,6 +434,7 @@ def grow_shell(
     if not isinstance(thickness, Thickness):
         thickness = Thickness("w0", float(thickness))
     goal, notes = goal_levels(thickness, surface, grower.frame, field)
+    wanted = goal
     top = float(goal.max())
     # the mean of one and the same number has rounding in it
     asked = top if goal.min() == top else float(grower.area @ goal)
@@ -466,6 +467,8 @@ def grow_shell(
         w0_rms=best.rms,
         embedded=True,
         notes=tuple(notes),
+        level=best.w,
+        goal=wanted,
     )
     return shell, certificate
 

@@ -34,11 +34,11 @@ from .validity import Certificate
 logger = logging.getLogger(__name__)
 
 FORMAT = "HybridVolume"
-VERSION = 2
+VERSION = 3
 """Goes up when an earlier program cannot read a new file any more."""
 
-READ = (1, 2)
-"""Versions that can be read; 1 knows no figures of medial cells."""
+READ = (1, 2, 3)
+"""Versions that can be read; 1 knows no figures of medial cells, 2 no levels of columns."""
 
 _HOMES = {
     "Certificate": "validity",

@@ -30,6 +30,9 @@ from .thickness import shell_thickness
 
 logger = logging.getLogger(__name__)
 
+METHODS = ("certified", "paper")
+"""Ways to make the shell."""
+
 BALANCE = 1e-9
 """Largest share of the volume by which shell, core and gap may miss the body."""
 
@@ -51,6 +54,9 @@ class Options:
         Harmonic level of the inner boundary: 0 is the surface, 1 the midstructure.
     thickness : str
         In place of w0, where given: mm as for `Thickness.parse`, e.g. ``"2 mm"``.
+    method : {"certified", "paper"}
+        How the shell is made: by the front and the untangling, or as in the paper's section 3,
+        for comparison. Both are proved, and refused where the proof fails.
     face_factors : mapping of str to float
         By what the thickness is multiplied at CAD faces.
     layers : int
@@ -82,6 +88,7 @@ class Options:
 
     w0: float = 0.5
     thickness: str = ""
+    method: str = "certified"
     face_factors: Mapping[str, float] = field(default_factory=dict)
     layers: int = 2
     spacing: str = "volume"
@@ -121,6 +128,7 @@ class Options:
         object.__setattr__(self, "decisions", self.search.decisions)
         self.goal, Spacing.parse(self.spacing)  # refused here, before any work
         choices = {
+            "method": METHODS,
             "nodes": ("knots", "greville"),
             "order": (1, 2),
             "engine": ("auto", "netgen", "gmsh"),

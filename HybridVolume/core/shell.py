@@ -41,6 +41,9 @@ class Shell:
         Whether the inner surface was found free of self-intersection.
     notes : tuple of str
         What the user should know about how the shell was made.
+    level, goal : (n,) array
+        Level that the inner surface's Greville point of each column has, and the one that was asked
+        there; empty where they are not known.
     """
 
     surface: PatchSurface
@@ -52,6 +55,8 @@ class Shell:
     w0_rms: float = np.nan
     embedded: bool = False
     notes: tuple[str, ...] = field(default=())
+    level: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    goal: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def layer_count(self) -> int:
