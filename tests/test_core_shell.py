@@ -10,8 +10,9 @@ import pytest
 
 from HybridVolume.core import bspline
 from HybridVolume.core.assembly import build_surface
+from HybridVolume.core.check import check_surface
 from HybridVolume.core.cones import most_inward
-from HybridVolume.core.front import check_surface, column_frame
+from HybridVolume.core.front import column_frame
 from HybridVolume.core.growth import _nodal_matrix, _polynomial_correction
 from HybridVolume.core.levels import spaced_layers, uniform_layers
 from HybridVolume.core.refinement import flatten_spans, insert_knots, split_spans

@@ -407,7 +407,7 @@ def grow_shell(
     Parameters
     ----------
     surface : PatchSurface
-        One that :func:`HybridVolume.core.front.check_surface` lets pass.
+        One that :func:`HybridVolume.core.check.check_surface` lets pass.
     field : HarmonicField
     thickness : float or Thickness
         A number is the level w0 of the inner boundary, in (0, 1).

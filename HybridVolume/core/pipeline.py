@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import FaultError, InputError, SelfIntersectionError
+from .check import check_surface
 from .finite_elements import build_finite_elements
-from .front import check_surface
 from .gap import gap_volume
 from .goals import Thickness
 from .growth import grow_shell
