@@ -14,10 +14,13 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO
 from xml.etree import ElementTree
 
 PROJECT = Path(__file__).resolve().parent.parent
@@ -41,6 +44,8 @@ class Run:
     command: tuple[str, ...] = ()
     variables: dict[str, str] = field(default_factory=dict)
     strict_skips: bool = False
+    beside: bool = False
+    """Goes on beside the other runs where there are two cores."""
 
 
 RUNS = (
@@ -52,6 +57,7 @@ RUNS = (
         ENVIRONMENT,
         files=("test_core_*.py",),
         strict_skips=True,
+        beside=True,
     ),
     Run(
         "distribution",
@@ -93,12 +99,24 @@ class Outcome:
         return f"{self.passed} passed, {self.failed} failed, {len(self.skipped)} skipped"
 
 
-def execute(run: Run) -> Outcome:
-    """Start a run, let it print, and count what it did."""
+def execute(run: Run, quiet: bool = False) -> Outcome:
+    """Start a run, let it print (at its end, if ``quiet``), and count what it did."""
+    with tempfile.TemporaryFile() as kept:
+        title = f"\n=== {run.name}: {run.purpose}"
+        if not quiet:
+            print(title, flush=True)
+        outcome = _execute(run, kept if quiet else None)
+        if quiet:
+            kept.seek(0)
+            print(title, kept.read().decode(errors="replace"), sep="\n", flush=True)
+    return outcome
+
+
+def _execute(run: Run, output: IO[bytes] | None) -> Outcome:
     started = time.monotonic()
     outcome = Outcome()
     if run.command:
-        code = call([run.python, *run.command], run)
+        code = call([run.python, *run.command], run, output)
         outcome.passed, outcome.failed = int(code == 0), int(code != 0)
     else:
         files = sorted({path for name in run.files for path in PROJECT.glob(f"tests/{name}")})
@@ -110,7 +128,7 @@ def execute(run: Run) -> Outcome:
             names = [str(path.relative_to(PROJECT)) for path in files]
             options = [f"--junitxml={sheet}", "--durations=5", "--durations-min=5"]
             options += ["-o", f"faulthandler_timeout={SLOW_TEST}"]
-            code = call([run.python, "-m", "pytest", *options, *names], run)
+            code = call([run.python, "-m", "pytest", *options, *names], run, output)
             if sheet.is_file():
                 count(sheet, outcome)
         expected = (0, NO_TESTS) if outcome.failed == 0 else (1,)
@@ -121,23 +139,65 @@ def execute(run: Run) -> Outcome:
     return outcome
 
 
-def call(command: list[str], run: Run) -> int:
+def execute_all(runs: list[Run]) -> dict[str, Outcome]:
+    """Execute runs one after the other, with two cores one of them beside the others."""
+    outcomes: dict[str, Outcome] = {}
+
+    def lane(part: Iterable[Run], quiet: bool) -> None:
+        for run in part:
+            outcomes[run.name] = execute(run, quiet)
+
+    # the checkers first, they take a second
+    lane([run for run in runs if run.command], False)
+    rest = [run for run in runs if not run.command]
+    beside = [run for run in rest if run.beside]
+    others = [run for run in rest if not run.beside]
+    if not beside or not others or (os.cpu_count() or 1) < 2:
+        lane(rest, False)
+        return outcomes
+    # each lane has a core: more threads would only wait for each other
+    os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
+    print("\n=== two runs at a time:", *(run.name for run in others), "are shown at their end")
+    second = threading.Thread(target=lane, args=(others, True), daemon=True)
+    try:
+        second.start()
+        lane(beside, False)
+        second.join()
+    finally:
+        for child in _children:
+            end(child)
+    return outcomes
+
+
+def call(command: list[str], run: Run, output: IO[bytes] | None) -> int:
     """Run a command in the project folder; its whole process group ends at the time limit."""
     child = subprocess.Popen(
         command,
         cwd=PROJECT,
         env={**os.environ, **run.variables},
         stdin=subprocess.DEVNULL,
+        stdout=output,
+        stderr=subprocess.STDOUT if output else None,
         start_new_session=True,
     )
+    _children.append(child)
     try:
         return child.wait(TIME_LIMIT)
     except subprocess.TimeoutExpired:
         return -signal.SIGKILL
     finally:
-        if child.poll() is None:
-            os.killpg(child.pid, signal.SIGKILL)
-            child.wait()
+        end(child)
+
+
+_children: list[subprocess.Popen] = []
+"""Everything that was started: an interruption must leave nothing running in either lane."""
+
+
+def end(child: subprocess.Popen) -> None:
+    """Stop a process and all that it started, if it still runs."""
+    if child.poll() is None:
+        os.killpg(child.pid, signal.SIGKILL)
+        child.wait()
 
 
 def count(sheet: Path, outcome: Outcome) -> None:
@@ -189,17 +249,16 @@ def main(names: list[str]) -> int:
         known = " ".join(run.name for run in RUNS)
         print(f"usage: ./test.sh [RUN ...], where RUN is one of: {known}", file=sys.stderr)
         return 2
-    outcomes: dict[str, Outcome] = {}
+    # told to stop, we stop what we started as well
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    runs = [run for run in RUNS if not names or run.name in names]
+    outcomes = execute_all(runs)
     bad = False
-    for run in RUNS:
-        if names and run.name not in names:
-            continue
-        print(f"\n=== {run.name}: {run.purpose}", flush=True)
-        outcomes[run.name] = outcome = execute(run)
+    for run in runs:
+        outcome = outcomes[run.name]
         for test in unexplained(run, outcome):
             outcome.notes.append(f"skipped without an accepted reason: {test}")
             bad = True
-        print("\n".join(f"{run.name}: {note}" for note in outcome.notes), flush=True)
     reasons = Counter(
         (name, reason) for name, outcome in outcomes.items() for _, reason in outcome.skipped
     )
