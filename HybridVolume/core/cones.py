@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 
 
@@ -42,3 +44,47 @@ def most_inward(vectors: np.ndarray, valid: np.ndarray, rounds: int = 200) -> np
         d = d + share[:, None] * step
     length = np.linalg.norm(best, axis=1, keepdims=True)
     return np.where(length > 1e-12, best / np.maximum(length, 1e-300), 0.0)
+
+
+def widest_direction(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit directions d that make the smallest v . d over a few vectors as large as possible.
+
+    Exact: the best d is equally far from one, two or three of the vectors, so all of these are
+    tried. Meant for few vectors (all that meet at a vertex): there are k + k (k - 1) + ... tries.
+
+    Parameters
+    ----------
+    vectors : (m, k, 3) array
+        Of any length.
+
+    Returns
+    -------
+    direction : (m, 3) array
+    margin : (m,) array
+        The smallest v . d; negative where no direction has all vectors on its side.
+    """
+    m, k, _ = vectors.shape
+    best, margin = np.zeros((m, 3)), np.full(m, -np.inf)
+
+    def attempt(d: np.ndarray) -> None:
+        length = np.linalg.norm(d, axis=1)
+        d = d / np.maximum(length, 1e-300)[:, None]
+        least = np.einsum("mki,mi->mk", vectors, d).min(axis=1)
+        better = (length > 0.0) & (least > margin)
+        best[better], margin[better] = d[better], least[better]
+
+    for i in range(k):
+        attempt(vectors[:, i])
+    for i, j in combinations(range(k), 2):
+        a, step = vectors[:, i], vectors[:, j] - vectors[:, i]
+        size = np.einsum("mi,mi->m", step, step)
+        share = -np.einsum("mi,mi->m", a, step) / np.maximum(size, 1e-300)
+        attempt(a + np.clip(share, 0.0, 1.0)[:, None] * step)
+    for i, j, n in combinations(range(k), 3):
+        a = vectors[:, i]
+        normal = np.cross(vectors[:, j] - a, vectors[:, n] - a)
+        attempt(normal)
+        attempt(-normal)
+    # nothing to choose between vectors that all vanish
+    margin[~np.isfinite(margin)] = 0.0
+    return best, margin
