@@ -99,7 +99,7 @@ def test_saved_and_reopened(doc, box, volume, tmp_path):
     try:
         volume = again.getObject("HybridVolume")
         assert volume.Proxy.Type == "HybridVolume::Volume"
-        assert volume.Source.Name == "Box" and volume.SchemaVersion == 1
+        assert volume.Source.Name == "Box" and volume.SchemaVersion == 2
         again.recompute(None, True)
         assert volume.Status == "Up to date"
         assert groups(volume.FemMesh.FemMesh) == EXPECTED_GROUPS

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""How thick the shell should be: a level of the field, or millimetres, and factors for faces."""
+"""How thick the shell should be: a level, millimetres or a share, and factors for faces."""
 
 from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -24,7 +24,9 @@ LEVELS = (0.01, 0.99)
 """Levels that may be asked for."""
 FACTORS = (0.05, 20.0)
 """Factors of faces."""
-KINDS = ("w0", "even", "mean", "min")
+KINDS = ("w0", "even", "mean", "min", "share")
+SHARES = (0.01, 0.95)
+"""Shares of the local radius that may be asked for."""
 DEEPEST = 0.95
 """The highest level that a thickness in mm or a factor leads to: near 1 elements are crushed."""
 CORRECTIONS = 3
@@ -39,11 +41,12 @@ class Thickness:
 
     Attributes
     ----------
-    kind : {"w0", "even", "mean", "min"}
+    kind : {"w0", "even", "mean", "min", "share"}
         One level of the harmonic field everywhere; the same number of mm everywhere; one level,
-        such that the mean, or the smallest, thickness is that many mm.
+        such that the mean, or the smallest, thickness is that many mm; everywhere the same share
+        of the local radius, which is half the body's thickness there.
     value : float
-        The level, or mm.
+        The level, mm, or the share as a fraction.
     factors : mapping of str to float
         By what the thickness is multiplied at a CAD face; 1 at faces that are not named.
 
@@ -68,7 +71,13 @@ class Thickness:
                 f"w0 is {self.value:g}",
                 remedy=f'choose a level from {low} to {high}, or a length such as "2 mm"',
             )
-        if self.kind != "w0" and not 0.0 < self.value < np.inf:
+        low, high = SHARES
+        if self.kind == "share" and not low <= self.value <= high:
+            raise InputError(
+                f"the shell is {100 * self.value:g} % of the local radius",
+                remedy=f"choose a share from {100 * low:g} % to {100 * high:g} %",
+            )
+        if self.in_mm and not 0.0 < self.value < np.inf:
             raise InputError(
                 f"the thickness is {self.value:g} mm", remedy="choose a length above 0 mm"
             )
@@ -83,27 +92,85 @@ class Thickness:
 
     @classmethod
     def parse(cls, text: str, factors: Mapping[str, float] | None = None) -> Thickness:
-        """Read ``"0.5"``, ``"2 mm"``, ``"mean 2 mm"`` or ``"min 2 mm"``.
+        """Read ``"0.5"``, ``"2 mm"``, ``"mean 2 mm"``, ``"min 2 mm"`` or ``"30 %"``.
 
         Raises
         ------
         InputError
             It is none of them.
         """
-        number = r"([0-9]*\.?[0-9]+(?:e[-+]?[0-9]+)?)"
-        found = re.fullmatch(rf"(mean|min)?\s*{number}\s*(mm)?", text.strip().lower())
-        if not found or (found[1] and not found[3]):
+        number = r"([0-9]+\.?[0-9]*(?:e[-+]?[0-9]+)?|\.[0-9]+(?:e[-+]?[0-9]+)?)"
+        found = re.fullmatch(rf"(mean|min)?\s*{number}\s*(mm|%)?", text.strip().lower())
+        if not found or (found[1] and found[3] != "mm"):
             raise InputError(
                 f"{text!r} is no thickness",
-                remedy='give a level such as "0.5", or "2 mm", "mean 2 mm", "min 2 mm"',
+                remedy='give a level such as "0.5", or "2 mm", "mean 2 mm", "min 2 mm", "30 %"',
             )
-        kind = found[1] or ("even" if found[3] else "w0")
-        return cls(kind, float(found[2]), dict(factors or {}))
+        kind = found[1] or {None: "w0", "mm": "even", "%": "share"}[found[3]]
+        value = float(found[2])
+        return cls(kind, value / 100.0 if kind == "share" else value, dict(factors or {}))
+
+    @property
+    def in_mm(self) -> bool:
+        """Whether ``value`` is a length."""
+        return self.kind in ("even", "mean", "min")
+
+    @property
+    def uniform(self) -> bool:
+        """Whether one level is asked everywhere."""
+        return self.kind in ("w0", "mean", "min") and all(f == 1.0 for f in self.factors.values())
+
+    @property
+    def text(self) -> str:
+        """What `parse` reads."""
+        if self.kind == "w0":
+            return f"{self.value:.12g}"
+        if self.kind == "share":
+            return f"{100.0 * self.value:.12g} %"
+        word = "" if self.kind == "even" else f"{self.kind} "
+        return f"{word}{self.value:.12g} mm"
 
     def __str__(self) -> str:
-        length = f"{self.value:g} mm"
-        words = {"w0": f"w0 = {self.value:.3g}", "even": length}
-        return words.get(self.kind, f"{self.kind} {length}")
+        if self.kind == "w0":
+            return f"w0 = {self.value:.3g}"
+        return f"{self.text} of the local radius" if self.kind == "share" else self.text
+
+
+def parse_factor(text: str) -> tuple[str, float]:
+    """Read the factor of a face, e.g. ``"Face3 = 1.5"``.
+
+    Raises
+    ------
+    InputError
+        It is none, or out of its range.
+    """
+    found = re.fullmatch(r"\s*([^\s=:]+)\s*[=:]\s*([^\s=:]+)\s*", text)
+    try:
+        factor = float(found[2]) if found else np.nan
+    except ValueError:
+        factor = np.nan
+    if not np.isfinite(factor):
+        raise InputError(f"{text!r} is no factor of a face", remedy='write it as "Face3 = 1.5"')
+    return found[1], Thickness(factors={found[1]: factor}).factors[found[1]]
+
+
+def parse_factors(texts: Sequence[str]) -> dict[str, float]:
+    """Read the factors of several faces, each as for :func:`parse_factor`.
+
+    Raises
+    ------
+    InputError
+        One cannot be read, is out of its range, or a face has two.
+    """
+    factors: dict[str, float] = {}
+    for face, factor in map(parse_factor, texts):
+        if factors.setdefault(face, factor) != factor:
+            raise InputError(
+                f"{face} has the factors {factors[face]:g} and {factor:g}",
+                faces=[face],
+                remedy="leave one of them",
+            )
+    return factors
 
 
 def goal_levels(

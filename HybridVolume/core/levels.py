@@ -51,7 +51,9 @@ class Spacing:
 
     @classmethod
     def parse(cls, text: str) -> Spacing:
-        """Read ``"volume"``, ``"distance"``, a factor such as ``"1.5"``, or ``"0.2 mm"``.
+        """Read ``"volume"``, ``"distance"``, ``"ratio 1.5"`` or ``"first 0.2 mm"``.
+
+        The words ``ratio`` and ``first`` may be left out.
 
         Raises
         ------
@@ -61,14 +63,21 @@ class Spacing:
         words = text.strip().lower()
         if words in ("volume", "distance"):
             return cls(words)
-        found = re.fullmatch(r"([0-9]*\.?[0-9]+(?:e[-+]?[0-9]+)?)\s*(mm)?", words)
+        number = r"([0-9]+\.?[0-9]*(?:e[-+]?[0-9]+)?|\.[0-9]+(?:e[-+]?[0-9]+)?)"
+        found = re.fullmatch(rf"(?:ratio\s)?\s*{number}|(?:first\s)?\s*{number}\s*mm", words)
         if not found:
             raise InputError(
                 f"{text!r} is no spacing of layers",
-                remedy='give "volume", "distance", a factor such as "1.5", or the height of the'
-                ' first layer such as "0.2 mm"',
+                remedy='give "volume", "distance", a factor such as "ratio 1.5", or the height of'
+                ' the first layer such as "first 0.2 mm"',
             )
-        return cls("first" if found[2] else "ratio", float(found[1]))
+        return cls("ratio", float(found[1])) if found[1] else cls("first", float(found[2]))
+
+    @property
+    def text(self) -> str:
+        """What `parse` reads."""
+        ending = {"ratio": f" {self.value:.12g}", "first": f" {self.value:.12g} mm"}
+        return self.kind + ending.get(self.kind, "")
 
 
 def uniform_layers(

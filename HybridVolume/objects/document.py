@@ -18,6 +18,7 @@ from HybridVolume.core.hybrid import save_midstructure
 from HybridVolume.errors import FaultError
 from HybridVolume.sources import check_against_cad, global_shape
 
+from . import thickness
 from .fem_mesh import (
     AnalysisMesh,
     PartMesh,
@@ -248,8 +249,8 @@ def _fill(doc: Any, obj: Any, prepared: Prepared, *, keep_decisions: bool) -> No
     one = prepared.completed
     _make_parts(doc, obj)
     parameters = complete_parameters(one.parameters)
-    for name in ("W0", "Layers", "Degree", "Tolerance"):
-        setattr(obj, name, parameters[name])
+    thickness.set_values(obj, parameters)
+    obj.Tolerance = parameters["Tolerance"]
     obj.Solid = one.solid
     for name in PARAMETERS:
         # what the user decided while the worker was busy must not be lost
@@ -272,6 +273,8 @@ def _fill(doc: Any, obj: Any, prepared: Prepared, *, keep_decisions: bool) -> No
     obj.Report = flat(prepared.report)
     shell = prepared.report["shell"]
     obj.W0Reached = shell["w0"]
+    obj.ThicknessReached = reached_text(shell)
+    obj.FaceThickness = {row["face"]: face_text(row) for row in shell.get("faces", ())}
     obj.Elements = shell["elements"]
     obj.MinimumScaledJacobian = shell["min_scaled_jacobian"]
     # Body, geometry and decisions may have been edited while the worker was busy: then the result
@@ -324,6 +327,22 @@ def _fill_midstructure(obj: Any, prepared: Prepared) -> None:
         if GEOMETRY in one.parameters:
             found_from["Geometry"] = one.parameters[GEOMETRY]
         insert_found(obj, path, found_from)
+
+
+def reached_text(shell: Mapping[str, Any]) -> str:
+    """How thick a shell has become, from its part of the report; empty where it does not tell."""
+    if not shell.get("thickness"):
+        return ""
+    return shell.get("sentence") or f"{_range(shell['thickness'])} mm, as asked"
+
+
+def face_text(row: Mapping[str, Any]) -> str:
+    """What a face has become, e.g. ``"1.71 mm (1.2 to 2.1), w0 0.48 (0.3 to 0.5)"``."""
+    return f"{_range(row['thickness'], ' mm')}, w0 {_range(row['w0'])}"
+
+
+def _range(figures: Mapping[str, float], unit: str = "") -> str:
+    return f"{figures['mean']:.3g}{unit} ({figures['min']:.3g} to {figures['max']:.3g})"
 
 
 def flat(report: Mapping[str, Any], prefix: str = "") -> dict[str, str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from HybridVolume.sources import global_shape
 
-from . import midstructure
+from . import midstructure, thickness
 from .fingerprint import fingerprint
 from .midstructure import UP_TO_DATE
 from .properties import DocumentObject, Property, transaction
@@ -31,6 +31,7 @@ class VolumeObject(DocumentObject):
     """Proxy of the hybrid volume. A recompute compares and marks; the long work is a job."""
 
     Type = "HybridVolume::Volume"
+    SCHEMA = 2
     PROPERTIES = {
         "Source": Property("App::PropertyLink", _PARAMETERS, "The body: closed, of NURBS faces."),
         "Solid": Property(
@@ -40,24 +41,7 @@ class VolumeObject(DocumentObject):
             1,
             mode=("ReadOnly",),
         ),
-        "W0": Property(
-            "App::PropertyFloatConstraint",
-            _PARAMETERS,
-            "Thickness of the shell: share of the way from the faces (0) to the midstructure (1).",
-            (0.5, 0.01, 0.99, 0.05),
-        ),
-        "Layers": Property(
-            "App::PropertyIntegerConstraint",
-            _PARAMETERS,
-            "Layers of elements through the shell.",
-            (2, 1, 50, 1),
-        ),
-        "Degree": Property(
-            "App::PropertyIntegerConstraint",
-            _PARAMETERS,
-            "Degree of the shell's elements through its thickness.",
-            (3, 1, 6, 1),
-        ),
+        **thickness.PROPERTIES,
         "Tolerance": Property(
             "App::PropertyFloat",
             _PARAMETERS,
@@ -65,7 +49,22 @@ class VolumeObject(DocumentObject):
             1e-7,
         ),
         "W0Reached": Property(
-            "App::PropertyFloat", _RESULT, "Thickness that was reached.", mode=("ReadOnly",)
+            "App::PropertyFloat",
+            _RESULT,
+            "Level of the harmonic field that the shell reached, in the mean.",
+            mode=("ReadOnly",),
+        ),
+        "ThicknessReached": Property(
+            "App::PropertyString",
+            _RESULT,
+            "How thick the shell has become, and where it is thinner than asked.",
+            mode=("ReadOnly",),
+        ),
+        "FaceThickness": Property(
+            "App::PropertyMap",
+            _RESULT,
+            "Thickness that was reached at each face: mean, smallest and largest.",
+            mode=("ReadOnly",),
         ),
         "Elements": Property(
             "App::PropertyInteger",
@@ -102,6 +101,22 @@ class VolumeObject(DocumentObject):
             for name in (*CHILDREN, "AnalysisBody")
         },
     }
+
+    def ensure_properties(self, obj: Any) -> None:
+        """Add what is absent, and hide what does not count."""
+        super().ensure_properties(obj)
+        thickness.show_relevant(obj)
+
+    def migrate(self, obj: Any, version: int) -> None:
+        """Tell what results of earlier versions were computed with, as this one names it."""
+        if version < 2 and obj.ComputedFrom:
+            values = {**thickness.DEFAULTS, "W0": obj.W0}
+            obj.ComputedFrom = {**thickness.relevant(values), **obj.ComputedFrom}
+
+    def onChanged(self, obj: Any, name: str) -> None:
+        """Show the properties that count for what was selected."""
+        if name in thickness.SELECTORS and set(thickness.DEFAULTS) <= set(obj.PropertiesList):
+            thickness.show_relevant(obj)
 
     def execute(self, obj: Any) -> None:
         """Mark the result as out of date where body or parameters changed since it was made."""
@@ -142,7 +157,7 @@ def start(doc: Any, source: Any, solid: int = 1) -> Any:
     return obj
 
 
-_OWN = ("W0", "Layers", "Degree", "Tolerance")
+_OWN = {**thickness.DEFAULTS, "Tolerance": VolumeObject.PROPERTIES["Tolerance"].default}
 _MESH = {"FemMesh.Order": "Second", "FemMesh.Density": "knots"}
 _MIDSTRUCTURE = "Midstructure."
 GEOMETRY = "Midstructure.Geometry"
@@ -156,7 +171,7 @@ def current_parameters(obj: Any) -> dict[str, Any]:
     dict
         For the method ``own`` with the fingerprint of the geometry, ``"Midstructure.Geometry"``.
     """
-    values = {name: getattr(obj, name) for name in _OWN}
+    values = {**thickness.values_of(obj), "Tolerance": obj.Tolerance}
     child = obj.Midstructure
     if child:
         found = midstructure.parameters(child)
@@ -172,13 +187,13 @@ def current_parameters(obj: Any) -> dict[str, Any]:
 def complete_parameters(values: Mapping[str, Any]) -> dict[str, Any]:
     """Add the defaults of what is not among the values."""
     defaults = {f"{_MIDSTRUCTURE}{k}": v for k, v in midstructure.PARAMETERS.items()}
-    return {**defaults, **_MESH, **values}
+    return {**_OWN, **defaults, **_MESH, **values}
 
 
 def inputs_of(parameters: Mapping[str, Any]) -> dict[str, str]:
     """Parameters as text by name, only those that the result depends on."""
     values = complete_parameters(parameters)
-    texts = {name: repr(values[name]) for name in _OWN}
+    texts = {**thickness.relevant(values), "Tolerance": repr(values["Tolerance"])}
     found = {name: values[f"{_MIDSTRUCTURE}{name}"] for name in midstructure.PARAMETERS}
     relevant = midstructure.relevant(found)
     texts |= {f"{_MIDSTRUCTURE}{name}": text for name, text in relevant.items()}
@@ -198,10 +213,20 @@ def options_of(parameters: Mapping[str, Any]) -> dict[str, Any]:
     ----------
     parameters : mapping
         By the names that :func:`current_parameters` has; what is absent has its default.
+
+    Raises
+    ------
+    InputError
+        A thickness, factor or height is out of its range, or cannot be read.
     """
     values = complete_parameters(parameters)
+    goal = thickness.thickness_of(values)
     return {
         "w0": values["W0"],
+        "thickness": "" if goal.kind == "w0" else goal.text,
+        "face_factors": dict(goal.factors),
+        "spacing": thickness.spacing_of(values).text,
+        "method": values["Method"],
         "layers": values["Layers"],
         "degree": values["Degree"],
         "tolerance": values["Tolerance"],
@@ -222,11 +247,17 @@ def parameters_of(volume: HybridVolume) -> dict[str, Any]:
     words = {"Samples": "samples", "Angle": "angle", "MinimumSize": "minimum_size"}
     words |= {"Depth": "depth", "Decisions": "decided"}
     found = {f"{_MIDSTRUCTURE}{k}": search[word] for k, word in words.items() if word in search}
+    from HybridVolume.core.goals import Thickness
+    from HybridVolume.core.levels import Spacing
+
+    asked = volume.report.get("asked") or {"text": f"{volume.shell.w0_asked:.12g}", "factors": {}}
     return {
-        "W0": volume.shell.w0_asked,
+        **thickness.thickness_parameters(Thickness.parse(asked["text"], asked["factors"])),
+        **thickness.spacing_parameters(Spacing.parse(volume.report.get("spacing", "volume"))),
+        "Method": volume.report.get("method", "certified"),
         "Layers": volume.shell.layer_count,
         "Degree": volume.shell.degree_w,
-        "Tolerance": VolumeObject.PROPERTIES["Tolerance"].default,
+        "Tolerance": _OWN["Tolerance"],
         **found,
         "Midstructure.Method": search.get("asked", "auto"),
         "FemMesh.Order": "Second" if volume.fem.order == 2 else "First",
@@ -243,7 +274,7 @@ def source_fingerprint(source: Any) -> str:
 def changes(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
     """Names of the inputs that differ."""
     names = [name for name in sorted({*before, *now}) if before.get(name) != now.get(name)]
-    if "Midstructure.Method" in names:
+    if not {"Midstructure.Method", *thickness.SELECTORS}.isdisjoint(names):
         # another method looks at other parameters: the method says it all
         names = [name for name in names if name in before and name in now]
     return names
