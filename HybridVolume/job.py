@@ -153,6 +153,9 @@ class Job:
         The last lines of the worker's log, kept when the folder is removed.
     """
 
+    module = "HybridVolume.worker"
+    """What runs in the worker's process."""
+
     def __init__(
         self,
         faces: Sequence[SplineFace],
@@ -240,7 +243,7 @@ class Job:
             self.prepare()
         if self.state != "prepared":
             raise RuntimeError(f"a job that is {self.state} cannot be started")
-        command = [self.python, "-m", "HybridVolume.worker", str(self.folder)]
+        command = [self.python, "-m", self.module, str(self.folder)]
         try:
             with open(self.folder / LOG_FILE, "wb") as log:
                 self._process = subprocess.Popen(
@@ -349,6 +352,11 @@ class Job:
             raise RuntimeError(f"a job that is {self.state} has no {name}")
         return self.folder / name
 
+    def answers(self) -> list[str]:
+        """Names of the files that a worker must have written."""
+        names = [REPORT_FILE, *(f"{self.name}.{export}" for export in self.exports)]
+        return names if self.goal == "thickness" else [RESULT_FILE, *names]
+
     def _read_lines(self) -> None:
         with contextlib.suppress(ValueError, OSError):  # closed while we read: cancelled
             for line in self._process.stdout:
@@ -378,10 +386,7 @@ class Job:
         elif "error" in answer:
             self._end("failed", from_dict(answer["error"]))
         else:
-            names = [REPORT_FILE, *(f"{self.name}.{export}" for export in self.exports)]
-            if self.goal != "thickness":
-                names.insert(0, RESULT_FILE)
-            absent = [name for name in names if not (self.folder / name).is_file()]
+            absent = [name for name in self.answers() if not (self.folder / name).is_file()]
             if absent:
                 self._end("failed", WorkerError(f"the worker did not write {', '.join(absent)}"))
             else:

@@ -16,7 +16,10 @@ from typing import NoReturn
 from HybridVolume.errors import HybridVolumeError
 from HybridVolume.job import exit_code
 
-FIGURES = {"midstructure": "the automatic midstructure of all bodies, up to their shells"}
+FIGURES = {
+    "midstructure": "the automatic midstructure of all bodies, up to their shells",
+    "shell": "shells of many bodies at many levels, and what is demanded of them",
+}
 """What can be made again: modules of this package, with ``add_arguments`` and ``run``."""
 
 

@@ -56,11 +56,11 @@ class ExactBody:
 
 def exact_bodies() -> list[ExactBody]:
     """All of them, the automatic midstructure first."""
-    block = _box((4.0, 2.0, 1.0), (8, 4, 2))
+    block = box((4.0, 2.0, 1.0), (8, 4, 2))
     middle = ExactBody("box", block, lambda x: np.abs(x[:, 2] - 0.5), "mid plane", 3.0, size=0.5)
     turn = _rotation((1.0, 2.0, 3.0), 0.7)
-    plate = _box((50.0, 50.0, 1.0), (12, 12, 1))
-    bracket = bracket_area(1.0, 5.0, 4.0)
+    plate = box((50.0, 50.0, 1.0), (12, 12, 1))
+    bracketed = bracket_area(1.0, 5.0, 4.0)
     return [
         middle,
         _moved(middle, "box-small", 1e-3 * np.eye(3)),
@@ -71,25 +71,25 @@ def exact_bodies() -> list[ExactBody]:
             "plate", plate, lambda x: np.abs(x[:, 2] - 0.5), "mid plane", 49.0**2, size=0.5
         ),
         ExactBody(
-            "bracket", _bracket(1.0, 5.0, 4.0), _off_bracket, "mid planes", bracket, size=0.5
+            "bracket", bracket(1.0, 5.0, 4.0), _off_bracket, "mid planes", bracketed, size=0.5
         ),
-        ExactBody("wedge", _wedge(20.0), _off_bisector, "bisector", size=0.45),
+        ExactBody("wedge", wedge(20.0), _off_bisector, "bisector", size=0.45),
         ExactBody(
-            "ring", _ring(2.0, 3.0, 3.0), lambda x: np.abs(_across(x) - 2.5), "mid cylinder",
+            "ring", ring(2.0, 3.0, 3.0), lambda x: np.abs(_across(x) - 2.5), "mid cylinder",
             2.0 * np.pi * 2.5 * 2.0, size=0.5,
         ),
-        ExactBody("cylinder", _cylinder(1.0, 6.0), _across, "axis", length=4.0, along=_height),
+        ExactBody("cylinder", cylinder(1.0, 6.0), _across, "axis", length=4.0, along=_height),
         ExactBody(
-            "torus", _torus(3.0, 1.0), _off_circle, "centre circle",
+            "torus", torus(3.0, 1.0), _off_circle, "centre circle",
             length=6.0 * np.pi, along=_around,
         ),
-        ExactBody("sphere", _sphere(1.0), lambda x: np.linalg.norm(x, axis=1), "centre", 0.0),
+        ExactBody("sphere", sphere(1.0), lambda x: np.linalg.norm(x, axis=1), "centre", 0.0),
         ExactBody(
-            "torus-skeleton", _torus(3.0, 1.0), _off_circle, "centre circle",
+            "torus-skeleton", torus(3.0, 1.0), _off_circle, "centre circle",
             length=6.0 * np.pi, along=_around, options={"midstructure": "skeleton"},
         ),
         ExactBody(
-            "cylinder-skeleton", _cylinder(1.0, 6.0), _across, "axis",
+            "cylinder-skeleton", cylinder(1.0, 6.0), _across, "axis",
             length=4.0, along=_height, options={"midstructure": "skeleton"},
         ),
         ExactBody(
@@ -216,7 +216,8 @@ def _bezier(points: Any, weights: np.ndarray) -> SplineFace:
     return SplineFace("", degrees, knots, points, np.asarray(weights, dtype=float))
 
 
-def _box(size: Sequence[float], spans: Sequence[int]) -> tuple[SplineFace, ...]:
+def box(size: Sequence[float], spans: Sequence[int]) -> tuple[SplineFace, ...]:
+    """Six biquadratic faces; spans along x, y and z."""
     faces = []
     for axis in range(3):
         a, b = (k for k in range(3) if k != axis)
@@ -229,38 +230,39 @@ def _box(size: Sequence[float], spans: Sequence[int]) -> tuple[SplineFace, ...]:
     return _named(faces)
 
 
-def _prism(quads: Sequence[Any], height: float) -> tuple[SplineFace, ...]:
-    """Prism over quadrilaterals, corners counter-clockwise."""
+def prism(quads: Sequence[Any], height: float, spans: int = 2) -> tuple[SplineFace, ...]:
+    """Prism over quadrilaterals, corners counter-clockwise; every face has spans x spans."""
     faces, sides = [], {}
+    cells = (spans, spans)
     for quad in (np.asarray(q, dtype=float) for q in quads):
         for z in (0.0, height):
             x = np.column_stack([quad, np.full(4, z)])
-            faces.append(_bilinear([[x[0], x[3]], [x[1], x[2]]]))
+            faces.append(_bilinear([[x[0], x[3]], [x[1], x[2]]], cells))
         for k in range(4):
             a, b = quad[k], quad[(k + 1) % 4]
             key = frozenset((tuple(np.round(a, 9)), tuple(np.round(b, 9))))
             if sides.pop(key, None) is None:
                 sides[key] = (a, b)
     for a, b in sides.values():
-        faces.append(_bilinear([[[*a, 0.0], [*a, height]], [[*b, 0.0], [*b, height]]]))
+        faces.append(_bilinear([[[*a, 0.0], [*a, height]], [[*b, 0.0], [*b, height]]], cells))
     return _named(faces)
 
 
-def _bracket(thickness: float, leg: float, width: float) -> tuple[SplineFace, ...]:
+def bracket(thickness: float, leg: float, width: float) -> tuple[SplineFace, ...]:
     """L of two plates."""
     t, a = thickness, leg
     corner = [(0, 0), (t, 0), (t, t), (0, t)]
-    return _prism(
+    return prism(
         [corner, [(t, 0), (a, 0), (a, t), (t, t)], [(0, t), (t, t), (t, a), (0, a)]], width
     )
 
 
-def _wedge(angle: float) -> tuple[SplineFace, ...]:
+def wedge(angle: float, spans: int = 2) -> tuple[SplineFace, ...]:
     """Prism over a right triangle with an edge of ``angle`` degrees."""
     a, b = np.zeros(2), np.array([3.0, 0.0])
     c = np.array([3.0, 3.0 * np.tan(np.radians(angle))])
     middle, ab, bc, ca = (a + b + c) / 3, (a + b) / 2, (b + c) / 2, (c + a) / 2
-    return _prism([[a, ab, middle, ca], [b, bc, middle, ab], [c, ca, middle, bc]], 2.0)
+    return prism([[a, ab, middle, ca], [b, bc, middle, ab], [c, ca, middle, bc]], 2.0, spans)
 
 
 def _arc(start: float, end: float) -> tuple[np.ndarray, np.ndarray]:
@@ -284,7 +286,8 @@ def _revolved(curve: np.ndarray, weights: np.ndarray, start: float, end: float) 
 _QUARTERS = [(k * np.pi / 2, (k + 1) * np.pi / 2) for k in range(4)]
 
 
-def _torus(major: float, minor: float) -> tuple[SplineFace, ...]:
+def torus(major: float, minor: float) -> tuple[SplineFace, ...]:
+    """Sixteen rational biquadratic faces about z."""
     faces = []
     for a, b in _QUARTERS:
         for c, d in _QUARTERS:
@@ -293,7 +296,8 @@ def _torus(major: float, minor: float) -> tuple[SplineFace, ...]:
     return _named(faces)
 
 
-def _ring(inner: float, outer: float, height: float) -> tuple[SplineFace, ...]:
+def ring(inner: float, outer: float, height: float) -> tuple[SplineFace, ...]:
+    """A tube with walls, four quarters of four faces."""
     section = np.array([(inner, 0.0), (outer, 0.0), (outer, height), (inner, height)])
     return _named(
         [
@@ -304,7 +308,7 @@ def _ring(inner: float, outer: float, height: float) -> tuple[SplineFace, ...]:
     )
 
 
-def _cylinder(radius: float, height: float) -> tuple[SplineFace, ...]:
+def cylinder(radius: float, height: float) -> tuple[SplineFace, ...]:
     """Four rational sides; each cap is a square with four patches around it."""
     faces, corners = [], []
     for k in range(4):
@@ -324,7 +328,7 @@ def _cylinder(radius: float, height: float) -> tuple[SplineFace, ...]:
     return _named(faces)
 
 
-def _sphere(radius: float) -> tuple[SplineFace, ...]:
+def sphere(radius: float) -> tuple[SplineFace, ...]:
     """Six rational (4, 4) patches over the sides of a cube (Cobb's tiling).
 
     In the plane of the stereographic projection the sides of the top patch are arcs of radius √2

@@ -20,7 +20,8 @@ def as_markdown(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     return "\n".join(parts)
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table of Markdown with columns of even width."""
     widths = [max(len(row[k]) for row in (head, *rows)) for k in range(len(head))]
     lines = [
         "| " + " | ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) + " |"
@@ -37,7 +38,7 @@ def _bodies(rows: Sequence[Mapping[str, Any]]) -> str:
         "thickest mm (hint)", "hints",
     )  # fmt: skip
     made = [_body(row) for row in rows if row["state"] == "shell"]
-    text = _table(head, made) if made else ""
+    text = table(head, made) if made else ""
     others = [row for row in rows if row["state"] != "shell"]
     if others:
         text += "\n" + "\n".join(_refusal(row) for row in others) + "\n"
@@ -88,7 +89,7 @@ def _exact(rows: Sequence[Mapping[str, Any]]) -> str:
         "all s",
     )  # fmt: skip
     made = [_known(row) for row in rows if row["state"] == "shell"]
-    text = _table(head, made) if made else ""
+    text = table(head, made) if made else ""
     others = [_refusal(row) for row in rows if row["state"] != "shell"]
     return text + ("\n" + "\n".join(others) + "\n" if others else "")
 

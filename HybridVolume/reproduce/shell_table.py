@@ -1,0 +1,311 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""The text of ``./run.sh reproduce shell``: every figure in it comes from shell.json."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from .shell_bodies import DEMANDS
+from .shell_demands import sound
+from .table import table
+
+Case = Mapping[str, Any]
+
+INTRODUCTION = """# Shells: what is reached, measured
+
+A shell is asked for by the level w0 of the harmonic field on which its inner boundary shall lie (0
+is the surface, 1 the midstructure). Each row below is one body at one level:
+
+- *w0*: mean of the level over the inner boundary, weighted by area, and in brackets its root mean
+  square deviation;
+- *proved*: Bézier elements of which det J > 0 is proved on the whole closed element (Bernstein
+  coefficients with rounding bounds), of all elements. A shell counts only if that is all of them
+  and the inner boundary does not cut itself;
+- *scaled Jacobian*: the smallest det J / (|x_u| |x_v| |x_w|) over 6 x 6 x 6 places of every
+  element; 1 is a box;
+- *bound*: what no shell on this surface can exceed, with any columns: the smallest, over places of
+  the surface, of the largest value that one direction can have for all patches that meet there;
+- *seconds*: front, untangling, certificate and test for crossings, of the processor. Midstructure
+  and field are made once for all levels of a body and not counted here.
+
+A case that has no shell is a row, too, with the reason. All is made again by
+"""
+
+METHODS = {
+    "paper": "the paper's section 3 as written (`--method paper`)",
+    "netgen": "Netgen's boundary layers",
+    "netgen, limited": "Netgen's, with `limit_growth_vectors`",
+    "gmsh": "Gmsh's `extrudeBoundaryLayer`",
+}
+
+
+def as_markdown(found: Mapping[str, Any]) -> str:
+    """The text of shell.md."""
+    parts = [INTRODUCTION + "\n```\n./run.sh reproduce shell -o DIR\n```\n", _machine(found)]
+    parts += [_section("What is demanded, and what is reached", _demands(found["demands"]))]
+    cases = found["cases"]
+    groups: dict[str, list[Case]] = {}
+    for case in cases:
+        if case["group"] == "table":
+            groups.setdefault(DEMANDS[case["body"]].group, []).append(case)
+    for group, members in groups.items():
+        parts.append(_section(f"Bodies: {group}", _cases(members)))
+    parts.append(_section("Bodies: further files", _cases(_of(cases, "other"))))
+    parts.append(_section("Random bodies", _random(_of(cases, "random"))))
+    parts.append(_section("Shape before level", _shape(found["shape_first"])))
+    parts.append(_section("Layers", _layers(found["layers"])))
+    parts.append(_section("Beside other ways", _rivals(found)))
+    parts.append(_section("Time", _speed(found)))
+    return "\n".join(part for part in parts if part)
+
+
+def _section(heading: str, text: str) -> str:
+    return f"## {heading}\n\n{text}" if text else ""
+
+
+def _of(cases: Sequence[Case], group: str) -> list[Case]:
+    return [case for case in cases if case["group"] == group]
+
+
+def _machine(found: Mapping[str, Any]) -> str:
+    machine = found["machine"]
+    lines = [f"Made on {machine['processor']}, {machine['cores']} cores, two bodies side by side "
+             f"with one thread each, Python {machine['python']}."]  # fmt: skip
+    if found["missing"]:
+        lines.append("")
+        lines.append(
+            "Not measured, since their files were not there (`--data` names a folder): "
+            f"{', '.join(found['missing'])}."
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _demands(rows: Sequence[Mapping[str, Any]]) -> str:
+    if not rows:
+        return ""
+    words = {True: "met", False: "**not met**", None: "not measured"}
+    unmet = sum(row["met"] is False for row in rows)
+    return (
+        f"{len(rows) - unmet} of {len(rows)} demands are met; the words in the last column come "
+        "from the figures.\n\n"
+        + table(
+            ("body", "demand", "figure", ""),
+            [(row["body"], row["demand"], row["figure"], words[row["met"]]) for row in rows],
+        )
+    )
+
+
+def _cases(cases: Sequence[Case]) -> str:
+    made = [case for case in cases if not case.get("error")]
+    rows, last = [], None
+    for case in made:
+        scaled = case["scaled_jacobian"]
+        first = case["body"] != last
+        last = case["body"]
+        rows.append(
+            (
+                _body_words(case) if first else "",
+                f"{case['w0_asked']:g}",
+                f"{case['w0']:.3f} ({case['w0_rms']:.3f})",
+                _proof(case),
+                f"{case['min_scaled_jacobian']:.3f}",
+                f"{scaled['q01']:.2f}, {scaled['median']:.2f}",
+                _optional(case.get("bound"), 3),
+                f"{case['seconds_cpu']:.1f}",
+            )
+        )
+    head = ("body", "asked", "w0 (rms)", "proved", "scaled Jacobian", "1 %, median", "bound", "s")
+    text = table(head, rows) if rows else ""
+    return "\n".join(part for part in (text, _errors(cases), _notes(made)) if part)
+
+
+def _body_words(case: Case) -> str:
+    genus = ", ".join(str(g) for g in case["genus"])
+    words = f"{case['body']}: {case['patches']} patches, {case['spans']} spans, genus {genus}"
+    return words + (", rational" if case["rational"] else "")
+
+
+def _proof(case: Case) -> str:
+    if sound(case):
+        return f"all {case['elements']}"
+    more = "" if case["embedded"] else ", cuts itself"
+    return f"{case['valid']} of {case['elements']}{more}"
+
+
+def _errors(cases: Sequence[Case]) -> str:
+    """Reasons, each once with the levels it holds for."""
+    reasons: dict[tuple[str, str], list[str]] = {}
+    for case in cases:
+        if case.get("error"):
+            reasons.setdefault((case["body"], _reason(case["error"])), []).append(
+                f"{case['w0_asked']:g}"
+            )
+    lines = [
+        f"- {body} has no shell at {', '.join(levels)}: {reason}"
+        for (body, reason), levels in reasons.items()
+    ]
+    return "\n".join(lines) + ("\n" if lines else "")
+
+
+def _reason(error: Mapping[str, Any]) -> str:
+    faces = ", ".join(error["faces"][:4]) + (" ..." if len(error["faces"]) > 4 else "")
+    text = f"{faces}: {error['message']}" if faces else error["message"]
+    places = [
+        f"{place['face']} at ({place['u']:.2f}, {place['v']:.2f})" for place in error["places"][:3]
+    ]
+    return text + (f"; the first places: {', '.join(places)}" if places else "")
+
+
+def _notes(cases: Sequence[Case]) -> str:
+    notes: dict[tuple[str, str], list[str]] = {}
+    for case in cases:
+        for note in case["notes"]:
+            notes.setdefault((case["body"], note), []).append(f"{case['w0_asked']:g}")
+    lines = [f"- {body} at {', '.join(at)}: {note}" for (body, note), at in notes.items()]
+    return "\n".join(lines) + ("\n" if lines else "")
+
+
+def _random(cases: Sequence[Case]) -> str:
+    if not cases:
+        return ""
+    names = list(dict.fromkeys(case["body"] for case in cases))
+    levels = sorted({case["w0_asked"] for case in cases})
+    parts = [
+        f"{len(names)} bodies that a script makes from fixed seeds (`HybridVolume/reproduce/"
+        "random_bodies.py`): voxel solids bent by smooth maps, of degree 1 to 3, with holes, "
+        "steps, shears, thin and twisted parts.\n"
+    ]
+    rows = []
+    for level in levels:
+        there = [case for case in cases if case["w0_asked"] == level]
+        good = [case for case in there if sound(case)]
+        least = sorted(case["min_scaled_jacobian"] for case in good)
+        reached = sorted(case["w0"] / level for case in good)
+        rows.append(
+            (
+                f"{level:g}",
+                f"{len(good)} of {len(there)}",
+                *(_spread(least, 2)),
+                *(_spread(reached, 2)),
+            )
+        )
+    head = ("asked", "proved and free of crossings", "scaled Jacobian: least", "median", "most",
+            "w0 / asked: least", "median", "most")  # fmt: skip
+    parts.append(table(head, rows))
+    at = 0.5 if 0.5 in levels else levels[-1]
+    parts.append(_distribution([c for c in cases if c["w0_asked"] == at and sound(c)], at))
+    parts.append(_each(cases, names, levels))
+    parts.append(_errors(cases))
+    return "\n".join(part for part in parts if part)
+
+
+def _spread(values: Sequence[float], digits: int) -> tuple[str, str, str]:
+    if not values:
+        return "", "", ""
+    chosen = (values[0], values[len(values) // 2], values[-1])
+    return tuple(f"{value:.{digits}f}" for value in chosen)
+
+
+def _distribution(cases: Sequence[Case], level: float) -> str:
+    if not cases:
+        return ""
+    total = [sum(column) for column in zip(
+        *(case["scaled_jacobian"]["histogram"] for case in cases), strict=True)]  # fmt: skip
+    # pairs of bins: ten columns are enough for a table
+    pairs = [a + b for a, b in zip(total[::2], total[1::2], strict=True)]
+    of_bodies = [0] * len(pairs)
+    for case in cases:
+        of_bodies[min(int(case["min_scaled_jacobian"] * 10), 9)] += 1
+    head = ("scaled Jacobian", *(f"{k / 10:.1f} to {(k + 1) / 10:.1f}" for k in range(10)))
+    count = sum(total)
+    return f"At {level:g}, all elements, and the smallest of each body:\n\n" + table(
+        head,
+        [
+            (f"of {count} elements", *(f"{100 * n / count:.1f} %" for n in pairs)),
+            (f"smallest of {len(cases)} bodies", *(str(n) for n in of_bodies)),
+        ],
+    )
+
+
+def _each(cases: Sequence[Case], names: Sequence[str], levels: Sequence[float]) -> str:
+    rows = []
+    for name in names:
+        own = {case["w0_asked"]: case for case in cases if case["body"] == name}
+        some = next(iter(own.values()))
+        cells = [
+            "-" if own[level].get("error") or not sound(own[level])
+            else f"{own[level]['w0']:.2f} / {own[level]['min_scaled_jacobian']:.2f}"
+            for level in levels if level in own
+        ]  # fmt: skip
+        genus = ", ".join(str(g) for g in some.get("genus", ()))
+        rows.append((name, str(some.get("spans", "")), genus, *cells,
+                     _optional(some.get("bound"), 2)))  # fmt: skip
+    head = ("body", "spans", "genus", *(f"at {level:g}" for level in levels), "bound")
+    return "Level reached / smallest scaled Jacobian:\n\n" + table(head, rows)
+
+
+def _shape(cases: Sequence[Case]) -> str:
+    if not cases:
+        return ""
+    rows = [
+        (
+            case["body"], f"{case['w0_asked']:g}", f"{case['w0']:.2f} ({case['w0_rms']:.2f})",
+            _proof(case), f"{case['min_scaled_jacobian']:.3f}",
+        )
+        for case in cases if not case.get("error")
+    ]  # fmt: skip
+    words = (
+        "With a weight of .3 on the isosurface term the elements keep their best shape and the "
+        "shell stays thinner than asked; this is what that costs and brings.\n\n"
+    )
+    text = table(("body", "asked", "w0 (rms)", "proved", "scaled Jacobian"), rows) if rows else ""
+    return words + text + _errors(cases)
+
+
+def _layers(cases: Sequence[Case]) -> str:
+    rows = []
+    for case in cases:
+        for row in case.get("levels", ()):
+            rows.append(
+                (
+                    case["body"], _spacing(row), str(row["degree"]),
+                    f"{row['valid']} of {row['elements']}", f"{row['min_scaled_jacobian']:.3f}",
+                    f"{row['volume_ratio_median']:.2f}", f"{row['volume_ratio_max']:.2f}",
+                    " / ".join(f"{height:.3g}" for height in row["heights"]),
+                )
+            )  # fmt: skip
+    errors = _errors([case for case in cases if case.get("error")])
+    if not rows:
+        return errors
+    words = (
+        "One shell at .5, cut into three layers in different ways and proved again. Volumes are "
+        "compared within each column, the largest over the smallest element. Heights are means, "
+        "outermost first.\n\n"
+    )
+    head = ("body", "layers", "degree", "proved", "scaled Jacobian", "volume ratio: median",
+            "largest", "heights mm")  # fmt: skip
+    return words + table(head, rows) + errors
+
+
+def _spacing(row: Mapping[str, Any]) -> str:
+    words = {
+        "volume": "equal volume",
+        "distance": "equal distance",
+        "ratio": f"each {row['value']:g} times as high",
+        "first": f"first layer {row['value']:.3g} mm",
+    }
+    return words[row["spacing"]]
+
+
+def _rivals(found: Mapping[str, Any]) -> str:
+    return ""
+
+
+def _speed(found: Mapping[str, Any]) -> str:
+    return ""
+
+
+def _optional(value: float | None, digits: int) -> str:
+    return "" if value is None else f"{value:.{digits}f}"
