@@ -30,6 +30,31 @@ def isosurface(mesh: TetMesh, values: np.ndarray, level: float) -> tuple[np.ndar
     triangles : (m, 3) int array
         Their normals point to where the function is smaller.
     """
+    ends, share, triangles = isosurface_cuts(mesh, values, level)
+    one, two = mesh.vertices[ends.T]
+    share = share[:, None]
+    return (1.0 - share) * one + share * two, triangles
+
+
+def isosurface_cuts(
+    mesh: TetMesh, values: np.ndarray, level: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The isosurface as cuts of edges, so that other values can be taken there as well.
+
+    Parameters
+    ----------
+    mesh, values, level
+        As for :func:`isosurface`.
+
+    Returns
+    -------
+    ends : (k, 2) int array
+        Vertices of each cut edge.
+    share : (k,) array
+        Where it is cut: 0 at its first end, 1 at the second.
+    triangles : (m, 3) int array
+        Of cuts.
+    """
     n = len(mesh.vertices)
     above = values >= level
     code = above[mesh.tets] @ np.array([1, 2, 4, 8])
@@ -39,14 +64,13 @@ def isosurface(mesh: TetMesh, values: np.ndarray, level: float) -> tuple[np.ndar
         if len(tets):
             triangles.extend(tets[:, row] for row in rows)
     if not triangles:
-        return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+        return np.zeros((0, 2), dtype=np.int64), np.zeros(0), np.zeros((0, 3), dtype=np.int64)
     ends = np.concatenate(triangles)  # (m, 3, 2), the upper end of each cut edge first
     keys, number = np.unique(row_keys(ends.reshape(-1, 2), n), return_inverse=True)
     one, two = keys // n, keys % n
     # rounding must not take the point off the edge
-    share = np.clip((level - values[one]) / (values[two] - values[one]), 0.0, 1.0)[:, None]
-    points = (1.0 - share) * mesh.vertices[one] + share * mesh.vertices[two]
-    return points, number.reshape(-1, 3)
+    share = np.clip((level - values[one]) / (values[two] - values[one]), 0.0, 1.0)
+    return np.column_stack([one, two]), share, number.reshape(-1, 3)
 
 
 def _marching_cases() -> dict[int, list[np.ndarray]]:
