@@ -50,6 +50,10 @@ class BezierElements:
         Number of each element in the whole shell.
     patch : (ne,) int array
         Patch that each element belongs to.
+    singular : (ne, 3, 3) bool array or None
+        Where the outer boundary (w = 0) that is given is singular itself, as
+        :func:`HybridVolume.core.singular.singular_flags`, first index along the first direction;
+        None where nowhere.
     """
 
     degrees: tuple[int, int, int]
@@ -57,6 +61,7 @@ class BezierElements:
     weights: np.ndarray | None
     element: np.ndarray
     patch: np.ndarray
+    singular: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.control_points)

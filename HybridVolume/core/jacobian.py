@@ -180,6 +180,11 @@ def _lobatto(degree: int) -> tuple[Fraction, ...]:
     return tuple(Fraction(round(1024 * value), 1024) for value in x)
 
 
+def lobatto_nodes(degree: int) -> np.ndarray:
+    """The nodes that go with :func:`lobatto_inverse`, (degree + 1,)."""
+    return np.array(_lobatto(degree), dtype=float)
+
+
 @lru_cache(maxsize=64)
 def _table(total: int, degree: int) -> np.ndarray:
     """Bernstein polynomials of a degree at the Lobatto nodes of degree ``total``, one rounding."""
@@ -217,6 +222,11 @@ def _inverse_table(degree: int) -> tuple[np.ndarray, float]:
     inverse = [row[n:] for row in rows]
     norm = float(max(sum(abs(value) for value in row) for row in inverse))
     return np.array(inverse, dtype=float), norm * (1.0 + 4.0 * EPSILON)
+
+
+def lobatto_inverse(degree: int) -> tuple[np.ndarray, float]:
+    """Matrix from values at :func:`lobatto_nodes` to Bernstein coefficients, and its norm."""
+    return _inverse_table(degree)
 
 
 def _sample(column: np.ndarray, totals: tuple[int, int, int]) -> np.ndarray:

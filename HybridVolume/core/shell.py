@@ -81,6 +81,7 @@ class Shell:
         """All Bézier elements, right-handed, in batches of one degree, rational ones apart."""
         first, operators = bspline.bezier_extraction(self.degree_w, self.knots_w)
         batches: list[BezierElements] = []
+        singular = self.surface.singular_flags
         for group in self.surface.groups:
             points = np.moveaxis(self.layers[:, group.index], 0, 3)  # (ne, p+1, q+1, nw, 3)
             rational = np.ptp(group.weights.reshape(len(group.element), -1), axis=1) > 0
@@ -107,6 +108,9 @@ class Shell:
                         weights = np.ascontiguousarray(part[..., 3])
                         part = part[..., :3] / part[..., 3:]
                     p, q = group.degrees
+                    flags = None
+                    if layer == 0:
+                        flags = np.swapaxes(singular[group.element[chosen]], 1, 2)
                     batches.append(
                         BezierElements(
                             (q, p, self.degree_w),
@@ -114,6 +118,7 @@ class Shell:
                             weights,
                             number[chosen],
                             group.patch[chosen],
+                            flags if flags is not None and flags.any() else None,
                         )
                     )
         return batches

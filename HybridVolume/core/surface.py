@@ -17,6 +17,7 @@ from scipy import sparse
 
 from . import bspline
 from .bezier import bernstein
+from .singular import surface_flags
 
 SIDE_DIRECTION = (1, 1, 0, 0)
 """Parameter direction (0 = u, 1 = v) that each side of a patch runs along."""
@@ -275,6 +276,14 @@ class PatchSurface:
         for group in self.groups:
             patch[group.element] = group.patch
         return patch
+
+    @cached_property
+    def singular_flags(self) -> np.ndarray:
+        """Corners and sides of knot spans where the normal is zero, (ne, 3, 3) bool.
+
+        See :func:`HybridVolume.core.singular.singular_flags`.
+        """
+        return surface_flags(self)
 
     def with_points(self, control_points: np.ndarray, *, polynomial: bool = False) -> PatchSurface:
         """The same patches over other control points.

@@ -29,9 +29,11 @@ from .jacobian import (
     sampling_error,
     subdivide,
 )
+from .singular import HALF_CLASSES, class_indices
 
 log = logging.getLogger(__name__)
 
+VALID_INSIDE = 2
 VALID = 1
 UNDECIDED = 0
 INVALID = -1
@@ -40,6 +42,10 @@ INVALID = -1
 _SAMPLING_CHUNK = 32
 _PRODUCTS_CHUNK = 32
 _BOX_CHUNK = 64
+
+# Around places where the given surface itself is singular nothing is proved within this share of
+# the element: their coefficients are zero only to rounding.
+_NEIGHBOURHOOD = 1e-7
 
 # Above this error (relative to the magnitude of the determinant) sampling proves next to nothing.
 _SAMPLING_ERROR = 1e-2
@@ -62,13 +68,15 @@ class Certificate:
     patch : (ne,) int array
         Patch of each element.
     status : (ne,) int8 array
-        VALID (1): det J > 0 proved on the whole closed element. INVALID (-1): det J <= 0 proved at
-        a point, or a weight that is not positive, or coordinates that are not finite.
-        UNDECIDED (0): neither.
+        VALID (1): det J > 0 proved on the whole closed element. VALID_INSIDE (2): the same but for
+        corners or sides of its outer face where the given surface's own normal is zero, and with
+        it det J of every shell. INVALID (-1): det J <= 0 proved at a point, or a weight that is
+        not positive, or coordinates that are not finite. UNDECIDED (0): neither.
     min_bernstein : (ne,) array
         Proved lower bound of det J over the product of the mean lengths of the control polygons in
         the three directions (1 for a box; no unit). It is positive if and only if the element is
-        VALID; -inf where there is no bound. It is sharp only where VALID.
+        VALID, zero where it is VALID_INSIDE; -inf where there is no bound. It is sharp only where
+        VALID.
     depth : int
         Number of halvings that the deepest box needed.
     """
@@ -84,8 +92,13 @@ class Certificate:
 
     @property
     def valid(self) -> int:
-        """Number of elements proved valid."""
-        return int(np.count_nonzero(self.status == VALID))
+        """Number of elements proved valid, those that are VALID_INSIDE among them."""
+        return int(np.count_nonzero(self.status >= VALID))
+
+    @property
+    def valid_inside(self) -> int:
+        """Number of elements proved valid but for singular places of the given surface."""
+        return int(np.count_nonzero(self.status == VALID_INSIDE))
 
     @property
     def undecided(self) -> int:
@@ -105,7 +118,7 @@ class Certificate:
     @property
     def failed(self) -> np.ndarray:
         """Numbers of the elements that are not proved valid."""
-        return self.element[self.status != VALID]
+        return self.element[self.status < VALID]
 
     def merge(self, other: Certificate) -> Certificate:
         """This certificate with the elements of another added; where both know one, the other's."""
@@ -157,6 +170,7 @@ def certify(batches: Iterable[BezierElements], max_depth: int = 7) -> Certificat
                     batch.control_points[chunk],
                     None if weights is None else weights[chunk],
                     max_depth,
+                    None if batch.singular is None else batch.singular[chunk],
                 )
                 status[chunk], lower[chunk], depth = state, bound, max(depth, used)
         parts.append((np.asarray(batch.element), np.asarray(batch.patch), status, lower))
@@ -211,7 +225,7 @@ def _families(batch: BezierElements) -> list[tuple[np.ndarray, np.ndarray | None
 
 
 def _certify_chunk(
-    points: np.ndarray, weights: np.ndarray | None, max_depth: int
+    points: np.ndarray, weights: np.ndarray | None, max_depth: int, singular: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Status, scale-free lower bound and depth for a few elements of one degree."""
     count = len(points)
@@ -228,7 +242,10 @@ def _certify_chunk(
         for part in np.array_split(pending, -(-len(pending) // size)) if len(pending) else []:
             nets = determinant_nets(points[part], None if weights is None else weights[part])
             scale[:, part] = _scales(nets)
-            status[part], lower[part], used = decide(*route(nets), max_depth=limit)
+            excused = None
+            if singular is not None and singular[part].any():
+                excused = np.moveaxis(singular[part], 0, -1)
+            status[part], lower[part], used = decide(*route(nets), limit, excused)
             depth = max(depth, used)
     with np.errstate(invalid="ignore", over="ignore"):
         lower = lower * np.where(lower > 0.0, scale[0], scale[1])
@@ -247,7 +264,10 @@ def _scales(nets) -> np.ndarray:
 
 
 def decide(
-    coefficients: np.ndarray, bound: np.ndarray, max_depth: int = 7
+    coefficients: np.ndarray,
+    bound: np.ndarray,
+    max_depth: int = 7,
+    excused: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Sign of polynomials on the unit cube by their Bernstein coefficients and subdivision.
 
@@ -258,27 +278,38 @@ def decide(
     bound : (n,) array
         Proved bound of the coefficients' errors.
     max_depth : int
+    excused : (3, 3, n) bool array, optional
+        Corners and sides of the face w = 0 where the polynomials may be zero, as
+        :attr:`HybridVolume.core.bezier.BezierElements.singular`.
 
     Returns
     -------
     status : (n,) int8 array
-        VALID: positive everywhere; INVALID: not positive somewhere; UNDECIDED: neither was proved.
+        VALID: positive everywhere; VALID_INSIDE: positive but within 1e-7 of excused places;
+        INVALID: not positive somewhere; UNDECIDED: neither was proved.
     lower : (n,) array
-        Proved lower bound of each polynomial; positive if and only if VALID.
+        Proved lower bound of each polynomial; positive if and only if VALID; 0 if VALID_INSIDE.
     depth : int
         Halvings used.
     """
     count = coefficients.shape[-1]
     invalid, lost = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
-    root = coefficients.min(axis=(0, 1, 2)) - bound
+    nearest = np.full(count, np.inf)  # least coefficient of the boxes at excused places
+    if excused is not None:
+        coefficients, slack = _without(coefficients, bound, excused)
+    root = _watched(coefficients, excused).min(axis=(0, 1, 2)) - bound
     lower = np.full(count, np.inf)
     deepest = 0
-    stack = [(0, coefficients, bound, np.arange(count))]
+    stack = [(0, coefficients, bound, np.arange(count), excused)]
     while stack:
-        level, coefficients, bound, owner = stack.pop()
+        level, coefficients, bound, owner, flags = stack.pop()
         deepest = max(deepest, level)
-        least = coefficients.min(axis=(0, 1, 2)) - bound
-        corner = _corners(coefficients).min(axis=(0, 1, 2))
+        watched = _watched(coefficients, flags)
+        least = watched.min(axis=(0, 1, 2)) - bound
+        corner = _corners(watched).min(axis=(0, 1, 2))
+        if flags is not None:
+            beside = flags.any(axis=(0, 1)) & (least > 0.0)
+            np.minimum.at(nearest, owner[beside], least[beside])
         invalid[owner[corner + bound <= 0.0]] = True
         # A value at a corner keeps its error for ever: such a box will never be proved positive.
         lost[owner[~(corner > bound)]] = True
@@ -294,8 +325,18 @@ def decide(
         np.minimum.at(lower, owner[dropped], least[dropped])
         for group in _groups(kept, owner, coefficients[..., 0].nbytes):
             parts = np.array_split(group, -(-len(group) // _BOX_CHUNK))
-            halves = [_halve(coefficients[..., k], bound[k], owner[k], lower) for k in parts]
-            coefficients_, bound_, owner_ = zip(*halves, strict=True)
+            halves = [
+                _halve(
+                    coefficients[..., k],
+                    bound[k],
+                    owner[k],
+                    lower,
+                    None if flags is None else flags[..., k],
+                    nearest,
+                )
+                for k in parts
+            ]
+            coefficients_, bound_, owner_, flags_ = zip(*halves, strict=True)
             if sum(map(len, owner_)):
                 stack.append(
                     (
@@ -303,11 +344,48 @@ def decide(
                         np.concatenate(coefficients_, axis=-1),
                         np.concatenate(bound_),
                         np.concatenate(owner_),
+                        None if flags is None else np.concatenate(flags_, axis=-1),
                     )
                 )
             deepest = max(deepest, level + 1)
     status = np.where(invalid, INVALID, np.where(lost, UNDECIDED, VALID)).astype(np.int8)
-    return status, np.where(invalid, root, np.maximum(lower, root)), deepest
+    lower = np.where(invalid, root, np.maximum(lower, root))
+    if excused is not None:
+        proved = excused.any(axis=(0, 1)) & (status == VALID)
+        inside = proved & (slack <= _NEIGHBOURHOOD * nearest)
+        status[proved], lower[proved] = UNDECIDED, -slack[proved]
+        status[inside], lower[inside] = VALID_INSIDE, 0.0
+    return status, lower, deepest
+
+
+def _without(
+    coefficients: np.ndarray, bound: np.ndarray, excused: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients with zeros at excused places, and the most that this changed a polynomial.
+
+    With coefficients of at least c elsewhere the true polynomial is at least c (1 - B) - slack B,
+    where B <= 1 is the sum of the excused Bernstein polynomials: it is positive but where B is
+    above c / (c + slack), which only happens next to these places.
+    """
+    mask = _mask(coefficients.shape, excused)
+    face = coefficients[:, :, 0]
+    slack = np.where(mask, np.abs(face), 0.0).max(axis=(0, 1)) + bound
+    coefficients = coefficients.copy()
+    coefficients[:, :, 0] = np.where(mask, 0.0, face)
+    return coefficients, slack
+
+
+def _mask(shape: tuple[int, ...], flags: np.ndarray) -> np.ndarray:
+    return flags[class_indices(shape[0])][:, class_indices(shape[1])]
+
+
+def _watched(coefficients: np.ndarray, flags: np.ndarray | None) -> np.ndarray:
+    """Coefficients with those at excused places out of the way."""
+    if flags is None or not flags.any():
+        return coefficients
+    watched = coefficients.copy()
+    watched[:, :, 0][_mask(coefficients.shape, flags)] = np.inf
+    return watched
 
 
 def _corners(coefficients: np.ndarray) -> np.ndarray:
@@ -336,18 +414,36 @@ def _groups(boxes: np.ndarray, owner: np.ndarray, size: int) -> list[np.ndarray]
 
 
 def _halve(
-    coefficients: np.ndarray, bound: np.ndarray, owner: np.ndarray, lower: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The children of boxes that are not proved positive; for the others `lower` is updated."""
+    coefficients: np.ndarray,
+    bound: np.ndarray,
+    owner: np.ndarray,
+    lower: np.ndarray,
+    flags: np.ndarray | None,
+    nearest: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
+    """The children of boxes that are not proved positive; for the others bounds are updated."""
     shape = coefficients.shape[:3]
     children, bound = subdivide(coefficients, bound)
-    least = children.min(axis=(1, 3, 5)) - bound
+    watched, halves = children, None
+    if flags is not None:
+        # classes of the halves, (a, 3, b, 3, box); the upper half in w has none
+        halves = flags[HALF_CLASSES][:, :, HALF_CLASSES]
+        mask = halves[:, class_indices(shape[0])][:, :, :, class_indices(shape[1])]
+        watched = children.copy()
+        watched[:, :, :, :, 0, 0][mask] = np.inf
+    least = watched.min(axis=(1, 3, 5)) - bound
     owners = np.broadcast_to(owner, least.shape)
     np.minimum.at(lower, owners[least > 0.0], least[least > 0.0])
+    if halves is not None:
+        beside = halves.any(axis=(1, 3)) & (least[:, :, 0] > 0.0)
+        np.minimum.at(nearest, owners[:, :, 0][beside], least[:, :, 0][beside])
     a, b, c, box = np.nonzero(~(least > 0.0))
     # Advanced indices apart from each other come first in the result: (k, N1, N2, N3).
     open_children = children[a, :, b, :, c, :, box]
-    return np.moveaxis(open_children.reshape(-1, *shape), 0, -1), bound[box], owner[box]
+    if halves is not None:
+        # the children's own flags, those of the lower half in w only
+        halves = np.moveaxis(halves[a, :, b, :, box] & (c == 0)[:, None, None], 0, -1)
+    return np.moveaxis(open_children.reshape(-1, *shape), 0, -1), bound[box], owner[box], halves
 
 
 def _sampled_minimum(

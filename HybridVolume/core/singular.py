@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""The normal of every knot span as a polynomial, and the places where it vanishes.
+
+s_u x s_v of a Bézier patch is a polynomial of degree (2p - 1, 2q - 1). For a rational patch x = A/w
+
+    w^3 (x_u x x_v) = w A_u x A_v - w_v A_u x A - w_u A x A_v
+
+is one, of degree (3p - 2, 3q - 2), since the highest powers cancel. Its Bernstein coefficients
+bound the normal everywhere in the span, between samples as well.
+
+Where a corner of a patch has 180 degrees, or a control point is doubled, the normal is zero: there
+det J = (s_u x s_v) . x_w of any shell is zero too. Nothing can be done about it without another
+parametrisation, but such places are corners or sides of knot spans, and everywhere else det J can
+be positive.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .bezier import bernstein
+from .jacobian import gamma, lobatto_inverse, lobatto_nodes
+
+if TYPE_CHECKING:
+    from .surface import ElementGroup, PatchSurface
+
+VANISHING = 1e-9
+"""Share of a span's largest normal coefficient below which a normal is zero."""
+
+
+@dataclass(frozen=True)
+class NormalNets:
+    """Bernstein coefficients of the outward normals (times weight³) of a group's knot spans.
+
+    Attributes
+    ----------
+    group : ElementGroup
+    coefficients : (ne, n1, n2, 3) array
+        Per unit of the span's own parameters, mm².
+    error : (ne,) array
+        No coefficient is wrong by more, mm².
+    """
+
+    group: ElementGroup
+    coefficients: np.ndarray
+    error: np.ndarray
+
+
+def normal_nets(surface: PatchSurface) -> list[NormalNets]:
+    """Normals of all knot spans as polynomials, one set a degree pair and kind.
+
+    Rational and polynomial spans of one degree pair come apart: their normals have other degrees.
+    """
+    nets = []
+    for group in surface.groups:
+        flat = group.weights.reshape(len(group.element), -1)
+        rational = np.ptp(flat, axis=1) > 0.0
+        for chosen, is_rational in ((~rational, False), (rational, True)):
+            if chosen.any():
+                names = ("element", "patch", "index", "weights", "extraction_u", "extraction_v")
+                part = {name: getattr(group, name)[chosen] for name in (*names, "low", "high")}
+                part = replace(group, **part)
+                nets.append(_nets(surface.control_points, part, is_rational))
+    return nets
+
+
+def _nets(control_points: np.ndarray, group: ElementGroup, rational: bool) -> NormalNets:
+    points = control_points[group.index]
+    # from the middle of the span on: rounding is then relative to the span, not to its place
+    points = points - 0.5 * (
+        points.min(axis=(1, 2), keepdims=True) + points.max(axis=(1, 2), keepdims=True)
+    )
+    p, q = group.degrees
+    if rational:
+        weights = group.weights / group.weights.max(axis=(1, 2), keepdims=True)
+        net = group.bezier(np.concatenate([points * weights[..., None], weights[..., None]], -1))
+        totals = (3 * p - 2, 3 * q - 2)
+    else:
+        net = group.bezier(points)
+        totals = (2 * p - 1, 2 * q - 1)
+    nodes = [lobatto_nodes(n) for n in totals]
+    values, slopes = (
+        [bernstein(d, x, k) for d, x in zip((p, q), nodes, strict=True)] for k in (0, 1)
+    )
+
+    def at(left: np.ndarray, right: np.ndarray) -> np.ndarray:
+        half = np.einsum("ai,eijc->eajc", left, net)
+        return np.einsum("bj,eajc->eabc", right, half)
+
+    a_u, a_v = at(slopes[0], values[1]), at(values[0], slopes[1])
+    # sums of absolute values: sum |B_i'| <= 2 p, sum |B_i| = 1
+    reach = np.abs(net).max(axis=(1, 2, 3))
+    magnitude = (6.0 if rational else 2.0) * (2 * p * reach) * (2 * q * reach)
+    if rational:
+        a = at(values[0], values[1])
+        w, w_u, w_v = (x[..., 3:] for x in (a, a_u, a_v))
+        a, a_u, a_v = (x[..., :3] for x in (a, a_u, a_v))
+        normals = w * np.cross(a_u, a_v) - w_v * np.cross(a_u, a) - w_u * np.cross(a, a_v)
+        magnitude = magnitude * np.maximum(reach, 1.0)
+    else:
+        normals = np.cross(a_u, a_v)
+    inverses = [lobatto_inverse(n) for n in totals]
+    half = np.einsum("ai,eijc->eajc", inverses[0][0], normals)
+    coefficients = np.einsum("bj,eajc->eabc", inverses[1][0], half)
+    # extraction twice, sums over p + 1 and q + 1 terms with rounded tables, in two or three factors
+    roundings = 3 * (3 * (p + 1) + 3 * (q + 1) + 12) + sum(n + 3 for n in totals) + 12
+    error = inverses[0][1] * inverses[1][1] * gamma(roundings) * magnitude
+    return NormalNets(group, coefficients, error)
+
+
+def singular_flags(nets: NormalNets) -> np.ndarray:
+    """Corners and sides of knot spans along which the normal is zero.
+
+    Returns
+    -------
+    (ne, 3, 3) bool array
+        Entry [i, j] is about u = 0, between, 1 (i = 0, 1, 2) and v likewise: [0, 2] is the corner
+        (0, 1), [0, 1] the side u = 0 as a whole. [1, 1] is never set.
+    """
+    c = nets.coefficients
+    size = np.abs(c).max(axis=3)
+    largest = size.max(axis=(1, 2))
+    zero = size <= np.maximum(VANISHING * largest, nets.error)[:, None, None]
+    flags = np.zeros((len(c), 3, 3), dtype=bool)
+    ends = (0, -1)
+    for i, row in zip((0, 2), ends, strict=True):
+        flags[:, i, 1] = zero[:, row].all(axis=1)
+        flags[:, 1, i] = zero[:, :, row].all(axis=1)
+        for j, column in zip((0, 2), ends, strict=True):
+            flags[:, i, j] = zero[:, row, column]
+    return flags
+
+
+def surface_flags(surface: PatchSurface) -> np.ndarray:
+    """:func:`singular_flags` of all knot spans, in the order of the element numbers."""
+    flags = np.zeros((surface.element_count, 3, 3), dtype=bool)
+    for nets in normal_nets(surface):
+        flags[nets.group.element] = singular_flags(nets)
+    return flags
+
+
+def vanishing_normals(s_u: np.ndarray, s_v: np.ndarray, count: int) -> np.ndarray:
+    """Samples at which the surface's normal is zero, (m,) bool.
+
+    Parameters
+    ----------
+    s_u, s_v : (m, 3) arrays
+        Derivatives at samples, ``count`` of each knot span in a row.
+    count : int
+    """
+    size = np.linalg.norm(np.cross(s_u, s_v), axis=1).reshape(-1, count)
+    largest = size.max(axis=1, keepdims=True)
+    return (size <= VANISHING * largest).ravel()
+
+
+def class_indices(count: int) -> np.ndarray:
+    """0 for the first, 2 for the last, 1 for all others of ``count`` indices."""
+    classes = np.ones(count, dtype=int)
+    classes[0], classes[-1] = 0, 2
+    return classes
+
+
+HALF_CLASSES = np.array([[0, 1, 1], [1, 1, 2]])
+"""What the first, inner and last indices of the lower and the upper half are in the whole."""
