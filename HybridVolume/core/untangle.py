@@ -21,6 +21,7 @@ from scipy.sparse.linalg import splu
 from .bezier import bernstein
 from .harmonic import HarmonicField
 from .quadrature import lobatto
+from .singular import vanishing_normals
 from .surface import PatchSurface
 
 logger = logging.getLogger(__name__)
@@ -119,6 +120,15 @@ def _sample_set(
         ],
         axis=2,
     )
+    constant = np.ascontiguousarray(np.einsum("rlci,rck->lkir", constant, inverse))
+    scale = np.ascontiguousarray((w / weight).T)
+    cross = np.ascontiguousarray(np.einsum("rlc,rck->lkr", on_value, inverse))
+    # where the given surface is singular det J is zero whatever the columns do: no sample there
+    still = np.flatnonzero(vanishing_normals(s_u, s_v, samples.count))
+    for level in np.flatnonzero(w == 0.0):
+        constant[level][:, :, still] = np.eye(3)[:, :, None]
+        scale[level, still] = 0.0
+        cross[level][:, still] = 0.0
     return _SampleSet(
         samples.values,
         samples.du,
@@ -126,9 +136,9 @@ def _sample_set(
         samples.values.T.tocsr(),
         samples.du.T.tocsr(),
         samples.dv.T.tocsr(),
-        np.ascontiguousarray(np.einsum("rlci,rck->lkir", constant, inverse)),
-        np.ascontiguousarray((w / weight).T),
-        np.ascontiguousarray(np.einsum("rlc,rck->lkr", on_value, inverse)),
+        constant,
+        scale,
+        cross,
         np.ascontiguousarray(np.moveaxis(inverse, 0, 2)),
     )
 
