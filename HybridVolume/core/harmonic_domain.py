@@ -75,9 +75,7 @@ def build_domain(
     engine, free, time_limit
         As for :func:`HybridVolume.core.tetmesh.fill`.
     """
-    kept = midstructure.facets[midstructure.kept]
-    if not len(kept):
-        raise FaultError("no facet of the midstructure is kept", remedy="keep at least one sheet")
+    _check_kept(midstructure)
     coarse = surface.triangulation(4)
     midstructure = in_pieces(midstructure, (coarse.vertices, coarse.triangles))
     engines = [engine]
@@ -114,6 +112,58 @@ def build_domain(
         boundary = adaptive_triangulation(surface, size.on_surface, max_triangles=tets // 2)
         engine = "pytetwild"
     return _by_distance(surface, boundary, midstructure, tets, engine, options)
+
+
+def domain_within(
+    outer: tuple[np.ndarray, np.ndarray],
+    surface: PatchSurface,
+    midstructure: Midstructure,
+    *,
+    tets: int = 40_000,
+    free: bool | None = None,
+    time_limit: float = 15.0,
+) -> Domain:
+    """Tetrahedra inside triangles that are given, such as a control net, with the kept facets.
+
+    Parameters
+    ----------
+    outer : (vertices (n, 3), triangles (t, 3))
+        Closed, oriented outward, free of crossings; mm.
+    surface : PatchSurface
+        Sizes go by it.
+    midstructure : Midstructure
+    tets : int
+        Aimed at.
+    free, time_limit
+        As for :func:`HybridVolume.core.tetmesh.fill`.
+
+    Raises
+    ------
+    MesherError
+        No mesher could fill the triangles and keep the facets.
+    FaultError
+        No facet of the midstructure is kept.
+    """
+    _check_kept(midstructure)
+    midstructure = in_pieces(midstructure, outer)
+    engines = [name for name in available_engines(free=free) if name in CONFORMING]
+    size = _Size.fitted(surface, midstructure, tets if "gmsh" in engines else tets // 2)
+    complex_ = resample(midstructure, size.on_midstructure, outer)
+    facets = complex_.triangles + len(outer[0])
+    mesh = fill(
+        np.vstack([outer[0], complex_.vertices]),
+        outer[1],
+        facets=facets,
+        optimise=False,
+        free=free,
+        time_limit=time_limit,
+    )
+    return _finish(mesh, facets, complex_, size.middle, tets, True)
+
+
+def _check_kept(midstructure: Midstructure) -> None:
+    if not midstructure.kept.any():
+        raise FaultError("no facet of the midstructure is kept", remedy="keep at least one sheet")
 
 
 def _attempts(
