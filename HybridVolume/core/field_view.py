@@ -50,11 +50,14 @@ class Inner:
         Their normals point to the outer surface.
     distance : (k,) array
         Of each vertex to the outer surface, mm.
+    reached : (k,) array
+        Share of what is asked for; below 1 where the body is too thin for it.
     """
 
     vertices: np.ndarray
     triangles: np.ndarray
     distance: np.ndarray
+    reached: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -80,6 +83,8 @@ class FieldView:
         Points of the surface, mm.
     area : (p,) array
         What each of them stands for, mm².
+    place_face : (p,) int array
+        The CAD face of each, as a place in ``faces``.
     curve : (l, 4) array
         Levels, and the least, the mean and the largest thickness there, mm.
     genus : (s,) int array
@@ -97,6 +102,7 @@ class FieldView:
     faces: np.ndarray
     places: np.ndarray
     area: np.ndarray
+    place_face: np.ndarray
     curve: np.ndarray
     genus: np.ndarray
     largest_w0: float
@@ -113,18 +119,19 @@ class FieldView:
         names = np.array([p.face for p in surface.patches])
         faces = np.array(list(dict.fromkeys(names.tolist())))
         number = {name: k for k, name in enumerate(faces.tolist())}
-        face = np.array([number[name] for name in names.tolist()])[patch[place]]
-        places, area, _ = surface_places(surface, PLACES)
+        of_patch = np.array([number[name] for name in names.tolist()])
+        places, area, place_patch = surface_places(surface, PLACES)
         view = cls(
             vertices=vertices,
             tets=field.mesh.tets,
             w=field.w,
             distance=distance,
             middle=cKDTree(vertices[field.fixed]).query(vertices)[0],
-            face=face,
+            face=of_patch[patch[place]],
             faces=faces,
             places=places,
             area=area,
+            place_face=of_patch[place_patch],
             curve=np.zeros((0, 4)),
             genus=np.array(surface.genus, dtype=np.int64),
             largest_w0=field.largest_level(surface.genus, HIGHEST),
@@ -193,7 +200,7 @@ class FieldView:
             level = min(level, self._deepest)
         else:
             return None
-        return None if thickness.factors else level
+        return level if thickness.uniform else None
 
     def function(self, thickness: Thickness) -> np.ndarray:
         """A function of the vertices that is 1 where the inner boundary should be, 0 outside.
@@ -206,18 +213,19 @@ class FieldView:
         -------
         (n,) array
         """
+        goal = self._goal(thickness)
+        # where the body is too thin for it the field ends before
+        return goal if thickness.uniform else np.maximum(goal, self.w / self._deepest)
+
+    def _goal(self, thickness: Thickness) -> np.ndarray:
+        """Share of what is asked for, at every vertex."""
         factor = self._factors(thickness.factors)
         if thickness.kind == "even":
-            goal = self.distance / (thickness.value * factor)
-            return np.maximum(goal, self.w / self._deepest)
+            return self.distance / (thickness.value * factor)
         if thickness.kind == "share":
-            local = np.maximum(self.distance + self.middle, np.finfo(float).tiny)
-            goal = self.distance / (thickness.value * factor * local)
-            return np.maximum(goal, self.w / self._deepest)
-        level = self.level(Thickness(thickness.kind, thickness.value))
-        if not thickness.factors:
-            return self.w / level
-        return self.w / np.minimum(level * factor, max(level, self._deepest))
+            radius = np.maximum(self.distance + self.middle, np.finfo(float).tiny)
+            return self.distance / (thickness.value * factor * radius)
+        return self.w / (self.level(Thickness(thickness.kind, thickness.value)) * factor)
 
     def _factors(self, factors: Mapping[str, float]) -> np.ndarray:
         """Factor at every vertex, that of the nearest face, evened out between faces."""
@@ -243,11 +251,13 @@ class FieldView:
         """The inner boundary for a thickness, as triangles."""
         ends, share, triangles = isosurface_cuts(self.mesh, self.function(thickness), 1.0)
         first, second = ends.T
-        share = share[:, None]
-        vertices = (1.0 - share) * self.vertices[first] + share * self.vertices[second]
-        share = share[:, 0]
-        distance = (1.0 - share) * self.distance[first] + share * self.distance[second]
-        return Inner(vertices, triangles, distance)
+
+        def at_cuts(values: np.ndarray) -> np.ndarray:
+            shares = share.reshape(-1, *[1] * (values.ndim - 1))
+            return (1.0 - shares) * values[first] + shares * values[second]
+
+        reached = np.ones(len(ends)) if thickness.uniform else at_cuts(self._goal(thickness))
+        return Inner(at_cuts(self.vertices), triangles, at_cuts(self.distance), reached)
 
     def figures(self, inner: Inner) -> tuple[float, float, float]:
         """The least, the mean and the largest distance of an inner boundary to the surface, mm.
@@ -260,6 +270,32 @@ class FieldView:
         near = cKDTree(inner.vertices).query(self.places)[1]
         mean = np.average(inner.distance[near], weights=self.area)
         return float(inner.distance.min()), float(mean), float(inner.distance.max())
+
+    def short(self, thickness: Thickness, inner: Inner) -> tuple[float, list[str]]:
+        """Where the body is too thin for a thickness.
+
+        Parameters
+        ----------
+        thickness : Thickness
+            inner : Inner
+            Its inner boundary.
+
+        Returns
+        -------
+        share : float
+            Of the surface's area where the shell is thinner than asked by more than 5 %.
+        faces : list of str
+            Faces of which more than a third is.
+        """
+        if thickness.uniform or not len(inner.triangles):
+            return 0.0, []
+        near = cKDTree(inner.vertices).query(self.places)[1]
+        short = inner.reached[near] < 0.95
+        count = len(self.faces)
+        part = np.bincount(self.place_face, self.area * short, count)
+        whole = np.bincount(self.place_face, self.area, count)
+        faces = self.faces[part > np.maximum(whole, np.finfo(float).tiny) / 3.0]
+        return float(part.sum() / whole.sum()), faces.tolist()
 
     def genus_at(self, thickness: Thickness) -> tuple[int, ...]:
         """Genus of every component of the inner boundary, sorted."""
