@@ -11,6 +11,7 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from HybridVolume.core.surface import SplineFace
+from HybridVolume.reproduce.voxels import greville, uniform_knots
 
 
 @dataclass(frozen=True)
@@ -31,20 +32,6 @@ class Body:
     faces: tuple[SplineFace, ...]
     volume: float
     genus: tuple[int, ...] = (0,)
-
-
-def uniform_knots(degree: int, spans: int) -> np.ndarray:
-    """Clamped uniform knots on [0, 1]."""
-    inner = np.arange(1, spans) / spans
-    return np.concatenate([np.zeros(degree + 1), inner, np.ones(degree + 1)])
-
-
-def greville(degree: int, knots: np.ndarray) -> np.ndarray:
-    """Means of ``degree`` consecutive knots."""
-    count = len(knots) - degree - 1
-    points = np.array([knots[i + 1 : i + degree + 1].sum() / degree for i in range(count)])
-    points[[0, -1]] = knots[[0, -1]]
-    return points
 
 
 def interpolating_face(

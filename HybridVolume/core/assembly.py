@@ -15,7 +15,8 @@ from scipy.spatial import cKDTree
 from .. import errors
 from . import bspline
 from .pairing import Net, check_sides, make_net, natural_order, pair_sides
-from .surface import SIDE_DIRECTION, Patch, PatchSurface, SplineFace, side_of
+from .sides import Meetings, meetings
+from .surface import SIDE_DIRECTION, Patch, PatchSurface, SplineFace
 
 _COUNTER_CLOCKWISE = np.array([-1, 1, 1, -1])
 """Whether each side runs with (+1) or against (-1) the patch's boundary seen from outside."""
@@ -52,8 +53,9 @@ def build_surface(faces: list[SplineFace], tolerance: float = 1e-7) -> PatchSurf
     check_sides(nets, gap)
     partner, reverse = pair_sides(nets, gap)
     _conform(nets, partner, reverse)
-    _match_weights(nets, partner, reverse, gap)
-    points, indices, weights, moved = _weld(nets, partner, reverse, gap)
+    met = meetings([net.weights.shape for net in nets], partner, reverse)
+    _match_weights(nets, met, gap)
+    points, indices, weights, moved = _weld(nets, met, gap)
     _check_vertices(nets, points, indices, gap)
     flipped = _orientation(nets, partner, reverse)
     patches = tuple(
@@ -139,122 +141,131 @@ def direction_strips(
     return label, turn, symmetric
 
 
-def _side_pairs(partner: np.ndarray) -> list[tuple[int, int, int, int]]:
-    return [
-        (k, side, int(partner[k, side, 0]), int(partner[k, side, 1]))
-        for k in range(len(partner))
-        for side in range(4)
-        if (partner[k, side, 0], partner[k, side, 1]) > (k, side)
-    ]
+def _match_weights(nets: list[Net], met: Meetings, gap: float) -> None:
+    """Scale each patch's weights by one factor so that shared sides carry the same weights.
 
-
-def _match_weights(nets: list[Net], partner: np.ndarray, reverse: np.ndarray, gap: float) -> None:
-    """Scale each patch's weights by one factor so that shared sides carry the same weights."""
-    count = len(nets)
-    done = np.zeros(count, dtype=bool)
-    polynomial = [np.ptp(net.weights) <= 1e-15 * net.weights.max() for net in nets]
-    for k in np.flatnonzero(polynomial):
-        nets[k].weights = np.ones_like(nets[k].weights)
-        done[k] = True
-    queue = list(np.flatnonzero(done))
-    for seed in [None, *range(count)]:
-        if seed is not None:
-            if done[seed]:
-                continue
-            done[seed] = True
-            queue = [seed]
-        while queue:
-            k = queue.pop()
-            for side in range(4):
-                other, other_side = partner[k, side]
-                if done[other]:
-                    continue
-                mine = side_of(nets[k].weights, side)
-                theirs = side_of(nets[other].weights, other_side)
-                theirs = theirs[::-1] if reverse[k, side] else theirs
-                factor = float(np.exp(np.mean(np.log(mine / theirs))))
-                if abs(factor - 1.0) > 1e-15:
-                    nets[other].weights = nets[other].weights * factor
-                done[other] = True
-                queue.append(other)
-    bad, worst, twisted, largest = set(), 0.0, set(), 1.0
-    for k, side, other, other_side in _side_pairs(partner):
-        mine, theirs = side_of(nets[k].weights, side), side_of(nets[other].weights, other_side)
-        theirs = theirs[::-1] if reverse[k, side] else theirs
-        factor = float(np.exp(np.mean(np.log(mine / theirs))))
-        length = np.linalg.norm(np.ptp(side_of(nets[k].points, side), axis=0))
-        # a relative change of one weight moves the curve by at most a quarter of it times the side
-        off = float(np.abs(mine / theirs / factor - 1.0).max()) * length / 4.0
-        if off > gap:
-            bad |= {nets[k].name, nets[other].name}
-            worst = max(worst, off)
-        elif abs(factor - 1.0) * length / 4.0 > gap:
-            twisted |= {nets[k].name, nets[other].name}
-            largest = max(largest, factor, 1.0 / factor)
-    if bad:
+    Polynomial patches keep weight 1 where that can be; a face of equal weights between two arcs may
+    need another one.
+    """
+    for net in nets:
+        if np.ptp(net.weights) <= 1e-15 * net.weights.max():
+            net.weights = np.ones_like(net.weights)
+    raw = np.log(np.concatenate([net.weights.ravel() for net in nets]))
+    points = np.concatenate([net.points.reshape(-1, 3) for net in nets])
+    count = np.diff(np.append(met.start, len(met.left)))
+    ratio = raw[met.left] - raw[met.right]
+    jump = np.add.reduceat(ratio, met.start) / count
+    size = np.linalg.norm(
+        np.maximum.reduceat(points[met.left], met.start)
+        - np.minimum.reduceat(points[met.left], met.start),
+        axis=1,
+    )
+    # a relative change of one weight moves the curve by at most a quarter of it times the side
+    spread = np.abs(np.expm1(ratio - np.repeat(jump, count)))
+    off = np.maximum.reduceat(spread, met.start) * size / 4.0
+    if np.any(off > gap):
         raise errors.GapError(
-            f"the weights of sides that meet differ by more than a factor: off by {worst:.2g} mm,"
-            f" allowed {gap:.2g} mm",
-            faces=natural_order(bad),
-            figure=worst,
+            f"the weights of sides that meet differ by more than a factor: off by {off.max():.2g}"
+            f" mm, allowed {gap:.2g} mm",
+            faces=_names(nets, met.pairs[off > gap]),
+            figure=float(off.max()),
             remedy="rebuild the faces with matching weights or raise --tolerance",
         )
-    if twisted:
+    plain = np.array([not np.ptp(net.weights) for net in nets])
+    first = None
+    for fixed in (plain, np.zeros(len(nets), dtype=bool)):
+        factor = _factors(met.pairs, jump, fixed)
+        left = np.abs(jump + factor[met.pairs[:, 0]] - factor[met.pairs[:, 2]])
+        twisted = np.expm1(left) * size / 4.0 > gap
+        if not twisted.any():
+            break
+        first = first or (_names(nets, met.pairs[twisted]), float(np.exp(left[twisted].max())))
+    else:
         # the sides of the volume elements below would not match
+        faces, largest = first
         raise errors.GapError(
             "the weights of sides that meet agree up to factors, but around a closed strip of"
             f" faces the factors multiply to {largest:.4g}, not to 1",
-            faces=natural_order(twisted),
+            faces=faces,
             figure=largest,
             remedy="rebuild the faces with equal weights at their corners",
         )
+    for k in np.flatnonzero(np.abs(factor) > 1e-15):
+        nets[k].weights = nets[k].weights * np.exp(factor[k])
+
+
+def _factors(pairs: np.ndarray, jump: np.ndarray, fixed: np.ndarray) -> np.ndarray:
+    """Logarithms of the patches' factors, spread from fixed patches, or from one of each shell.
+
+    Parameters
+    ----------
+    pairs : (ns, 4) int array
+    jump : (ns,) array
+        What the other patch needs more than the first.
+    fixed : (np,) bool array
+        Patches with factor 1.
+    """
+    count = len(fixed)
+    factor = np.zeros(count)
+    if not np.any(np.abs(jump) > 1e-15):
+        return factor
+    source = np.concatenate([pairs[:, 0], pairs[:, 2]])
+    target = np.concatenate([pairs[:, 2], pairs[:, 0]])
+    step = np.concatenate([jump, -jump])
+    graph = sparse.coo_matrix((np.ones(len(source)), (source, target)), shape=(count, count))
+    _, shell = sparse.csgraph.connected_components(graph, directed=False)
+    # a shell without a fixed patch starts at its first one
+    alone = ~np.isin(shell, shell[fixed])
+    seeds = fixed.copy()
+    seeds[np.unique(np.where(alone, shell, -1), return_index=True)[1]] |= True
+    seeds &= fixed | alone
+    # one more node from which all seeds hang, without a jump
+    rows = np.concatenate([source, np.full(seeds.sum(), count)])
+    columns = np.concatenate([target, np.flatnonzero(seeds)])
+    tree = sparse.csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(count + 1,) * 2)
+    order, before = sparse.csgraph.breadth_first_order(tree, count)
+    key, chosen = np.unique(source * count + target, return_index=True)
+    reached = order[before[order] >= 0]
+    reached = reached[before[reached] < count]
+    steps = step[chosen[np.searchsorted(key, before[reached] * count + reached)]]
+    for k, last, more in zip(reached, before[reached], steps, strict=True):
+        factor[k] = factor[last] + more
+    return factor
+
+
+def _names(nets: list[Net], pairs: np.ndarray) -> list[str]:
+    """Faces of pairs of sides."""
+    return natural_order({nets[k].name for k in np.unique(pairs[:, [0, 2]])})
 
 
 def _weld(
-    nets: list[Net], partner: np.ndarray, reverse: np.ndarray, gap: float
+    nets: list[Net], met: Meetings, gap: float
 ) -> tuple[np.ndarray, list[np.ndarray], list[np.ndarray], np.ndarray]:
     """One global control point for all that meet; the lowest-numbered face's bits win."""
-    sizes = [net.weights.size for net in nets]
-    offsets = np.concatenate([[0], np.cumsum(sizes)])
-    local = [
-        np.arange(offsets[k], offsets[k + 1]).reshape(net.weights.shape)
-        for k, net in enumerate(nets)
-    ]
+    shapes = [net.weights.shape for net in nets]
+    offsets = np.concatenate([[0], np.cumsum([a * b for a, b in shapes])])
     raw = np.concatenate([net.points.reshape(-1, 3) for net in nets])
     raw_weights = np.concatenate([net.weights.ravel() for net in nets])
-    left, right = [], []
-    bad, worst = set(), 0.0
-    for k, side, other, other_side in _side_pairs(partner):
-        mine, theirs = side_of(local[k], side), side_of(local[other], other_side)
-        theirs = theirs[::-1] if reverse[k, side] else theirs
-        off = float(np.linalg.norm(raw[mine] - raw[theirs], axis=1).max())
-        # control points may be farther apart than the curves that they make
-        if off > 16.0 * gap:
-            bad |= {nets[k].name, nets[other].name}
-            worst = max(worst, off)
-        left.append(mine)
-        right.append(theirs)
-    if bad:
+    apart = np.linalg.norm(raw[met.left] - raw[met.right], axis=1)
+    off = np.maximum.reduceat(apart, met.start)
+    # control points may be farther apart than the curves that they make
+    if np.any(off > 16.0 * gap):
         raise errors.GapError(
-            f"control points of sides that meet are {worst:.2g} mm apart, allowed {16 * gap:.2g}"
-            " mm: the sides are the same curve at different speed",
-            faces=natural_order(bad),
-            figure=worst,
+            f"control points of sides that meet are {off.max():.2g} mm apart, allowed"
+            f" {16 * gap:.2g} mm: the sides are the same curve at different speed",
+            faces=_names(nets, met.pairs[off > 16.0 * gap]),
+            figure=float(off.max()),
             remedy="rebuild the faces on common curves or raise --tolerance",
         )
-    left, right = np.concatenate(left), np.concatenate(right)
-    graph = sparse.coo_matrix((np.ones(len(left)), (left, right)), shape=(len(raw), len(raw)))
-    _, label = sparse.csgraph.connected_components(graph, directed=False)
-    _, first = np.unique(label, return_index=True)
-    kept = np.sort(first)
-    order = np.empty(len(first), dtype=int)
-    order[label[kept]] = np.arange(len(kept))
-    ids = order[label]
+    ids, kept = met.welded(len(raw))
     shift = np.linalg.norm(raw - raw[kept][ids], axis=1)
-    moved = np.array([shift[offsets[k] : offsets[k + 1]].max() for k in range(len(nets))])
-    indices = [ids[ls] for ls in local]
-    weights = [raw_weights[kept][index] for index in indices]
-    return raw[kept], indices, weights, moved
+    moved = np.maximum.reduceat(shift, offsets[:-1])
+    indices = [
+        ids[a:b].reshape(shape)
+        for a, b, shape in zip(offsets[:-1], offsets[1:], shapes, strict=True)
+    ]
+    shared = raw_weights[kept]
+    return raw[kept], indices, [shared[index] for index in indices], moved
 
 
 def _check_vertices(

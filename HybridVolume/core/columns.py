@@ -131,13 +131,13 @@ def evaluate_columns(shell: Shell, patch: np.ndarray, uv: np.ndarray, w: np.ndar
         u, v = uv[members].T
         net = shell.layers[:, p.index.ravel()]
         weights = np.ones(net.shape[:2])
-        weights[0] = p.weights.ravel() if p.rational else 1.0
+        weights[0] = p.weights.ravel()
         homogeneous = np.concatenate([net * weights[..., None], weights[..., None]], axis=2)
         levels = (basis_w @ homogeneous.reshape(len(net), -1)).reshape(len(w), -1, 4)
         levels = np.moveaxis(levels, 1, 0).reshape(p.index.size, -1)
         value = (pair_basis(p.degrees, p.knots, u, v) @ levels).reshape(-1, len(w), 4)
         points = value[..., :3]
-        if p.rational:
+        if p.weighted:
             points = points / value[..., 3:]
         result[:, members] = np.moveaxis(points, 1, 0)
         for level in np.flatnonzero(w == 0.0):

@@ -17,6 +17,7 @@ from scipy import sparse
 
 from . import bspline
 from .bezier import bernstein
+from .sides import meetings
 from .singular import surface_flags
 
 SIDE_DIRECTION = (1, 1, 0, 0)
@@ -65,7 +66,7 @@ class Patch:
         Numbers of the control points.
     weights : (nu, nv) array
         Positive weights, scaled (one factor a patch) so that all patches that share a control
-        point give it the same weight; a polynomial patch has weights 1.
+        point give it the same weight; a polynomial patch has equal weights, 1 where that can be.
     """
 
     face: str
@@ -78,6 +79,11 @@ class Patch:
     def rational(self) -> bool:
         """Whether the weights differ."""
         return bool(np.ptp(self.weights) > 0.0)
+
+    @property
+    def weighted(self) -> bool:
+        """Whether any weight is not 1."""
+        return bool((self.weights != 1.0).any())
 
     def transposed(self) -> Patch:
         """The same patch with u and v exchanged (its normal turned round)."""
@@ -435,31 +441,14 @@ class PatchSurface:
         grids : list of (mu, mv) int arrays
         count : int
         """
-        offsets = np.concatenate([[0], np.cumsum([a * b for a, b in shapes])])
-        local = [
-            np.arange(offsets[k], offsets[k + 1]).reshape(shape) for k, shape in enumerate(shapes)
+        sizes = [a * b for a, b in shapes]
+        ends = np.cumsum(sizes)
+        ids, first = meetings(shapes, self.neighbour, self.reversed).welded(int(ends[-1]))
+        grids = [
+            ids[end - size : end].reshape(shape)
+            for end, size, shape in zip(ends, sizes, shapes, strict=True)
         ]
-        left, right = [], []
-        for k in range(len(shapes)):
-            for side in range(4):
-                other, other_side = self.neighbour[k, side]
-                if (other, other_side) <= (k, side):
-                    continue
-                mine, theirs = side_of(local[k], side), side_of(local[other], other_side)
-                left.append(mine)
-                right.append(theirs[::-1] if self.reversed[k, side] else theirs)
-        left, right = np.concatenate(left), np.concatenate(right)
-        n = offsets[-1]
-        graph = sparse.coo_matrix((np.ones(len(left)), (left, right)), shape=(n, n))
-        _, label = sparse.csgraph.connected_components(graph, directed=False)
-        # number by first appearance, so that every point is owned by its lowest patch
-        _, first = np.unique(label, return_index=True)
-        order = np.empty(len(first), dtype=int)
-        order[label[np.sort(first)]] = np.arange(len(first))
-        ids = order[label]
-        return [ids[offsets[k] : offsets[k + 1]].reshape(s) for k, s in enumerate(shapes)], len(
-            first
-        )
+        return grids, len(first)
 
     def grid_parameters(self, nodes: int | str) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """Grid lines of each patch: ``"greville"``, ``"knots"``, or a number of cells a span."""
