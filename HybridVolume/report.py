@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from HybridVolume.core.shell import Shell
     from HybridVolume.core.surface import PatchSurface
 
-SCHEMA = 1
+SCHEMA = 2
 """Version of report.json: goes up when a key is removed or changes its meaning."""
 
 WHEELS = ("numpy", "scipy", "netgen-mesher", "gmsh", "pytetwild", "cgal", "scikit-fem", "pyvista")
@@ -51,6 +51,8 @@ def volume_report(
         Seconds by stage.
     """
     shell, interior, fem = volume.shell, volume.interior, volume.fem
+    shell_part = shell_figures(shell, volume)
+    told = [shell_part["sentence"]] if shell_part["sentence"] else []
     return {
         "version": SCHEMA,
         "input": {**source, **surface_figures(volume.surface)},
@@ -58,7 +60,7 @@ def volume_report(
             volume.midstructure, volume.report.get("search", {}), shell.w0
         ),
         "field": dict(volume.field),
-        "shell": shell_figures(shell, volume),
+        "shell": shell_part,
         "interior": {
             "tets": len(interior.mesh),
             "vertices": len(interior.mesh.vertices),
@@ -80,7 +82,7 @@ def volume_report(
             "min_scaled_jacobian": fem.min_scaled_jacobian,
             "volume": fem.volume,
         },
-        "notes": [*shell.notes, *midstructure_notes(volume.midstructure)],
+        "notes": [*told, *shell.notes, *midstructure_notes(volume.midstructure)],
         "seconds": {**seconds, "total": sum(seconds.values())},
         "peak_memory_mb": peak_memory_mb(),
         "versions": versions(),
@@ -200,6 +202,8 @@ def shell_figures(shell: Shell, volume: HybridVolume) -> dict[str, Any]:
     FaultError
         The certificate is another shell's, or does not prove every element.
     """
+    from HybridVolume.core.goals import Thickness
+    from HybridVolume.core.reached import layer_heights, reached_figures
     from HybridVolume.core.validity import scaled_jacobian
 
     certificate = volume.certificate
@@ -212,7 +216,10 @@ def shell_figures(shell: Shell, volume: HybridVolume) -> dict[str, Any]:
             f"only {certificate.valid} of {len(certificate)} elements are proved valid, or the "
             "inner surface cuts itself: this is no result"
         )
-    thickness = shell.thickness()
+    told = volume.report
+    # volumes of earlier versions do not tell what was asked but for the level
+    reached = told if "faces" in told else reached_figures(shell, Thickness("w0", shell.w0_asked))
+    heights = told["layer_heights"] if "layer_heights" in told else layer_heights(shell)
     sizes = shell.element_volumes()
     columns = sizes.reshape(-1, shell.layer_count)
     outer = np.abs(shell.layers[0] - volume.surface.control_points).max()
@@ -221,13 +228,13 @@ def shell_figures(shell: Shell, volume: HybridVolume) -> dict[str, Any]:
         "w0_rms": float(shell.w0_rms),
         "w0_asked": float(shell.w0_asked),
         "embedded": bool(shell.embedded),
-        "thickness": {
-            "min": float(thickness.min()),
-            "mean": float(thickness.mean()),
-            "max": float(thickness.max()),
-        },
+        **{name: reached[name] for name in ("asked", "thickness", "faces", "sentence")},
+        "isosurface": told.get("isosurface", {}),
+        "method": told.get("method", "certified"),
         "degree": shell.degree_w,
         "layers": shell.layer_count,
+        "spacing": told.get("spacing", "volume"),
+        "layer_heights": heights,
         "elements": len(certificate),
         "valid": certificate.valid,
         "undecided": certificate.undecided,

@@ -134,9 +134,12 @@ def _thickness(
     folder: Path, task: dict, surface: PatchSurface, options: Options, own: Any, watch: Stopwatch
 ) -> dict[str, Any]:
     from HybridVolume import report
+    from HybridVolume.core.field_view import FieldView
     from HybridVolume.core.pipeline import thickness
 
-    stage, figures = thickness(surface, options, watch, own)
+    stage, field, figures = thickness(surface, options, watch, own)
+    watch("exports", 0.95, "writing the field")
+    FieldView.of(field, stage.surface).save(folder / job.FIELD_FILE)
     watch.enter(None)
     part = report.stage_report(stage, options, task["source"], watch.seconds)
     return {**part, "thickness": figures}

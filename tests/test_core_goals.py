@@ -83,7 +83,7 @@ def test_a_factor_makes_the_shell_thinner_at_its_face_only():
 def test_too_much_for_the_body_is_said():
     surface, field = problem("box")
     shell, _ = grow_shell(surface, field, Thickness.parse("0.8 mm"))
-    assert any("less than twice 0.8 mm" in note for note in shell.notes)
+    assert any("midstructure is nearer than 0.8 mm" in note for note in shell.notes)
 
 
 @pytest.mark.parametrize(

@@ -233,7 +233,7 @@ def test_all_files_arrive(completed):
 
 def test_report(completed):
     found = json.loads((completed[0] / "report.json").read_text())
-    assert found["version"] == 1
+    assert found["version"] == 2
     given = found["input"]
     assert given["file"] == "box.step" and given["bodies"] == 1 and given["closed"] is True
     assert given["faces"] == given["patches"] == 6

@@ -6,17 +6,18 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..errors import FaultError, InputError
+from ..errors import InputError
 from .front import ColumnFrame, solve_front
 from .harmonic import HarmonicField
+from .midstructure.distances import SurfaceDistance
+from .midstructure.thickness import local_thickness
 from .surface import PatchSurface
-from .thickness import HIGHEST, shell_thickness
 
 logger = logging.getLogger(__name__)
 
@@ -33,6 +34,16 @@ CORRECTIONS = 3
 """Solutions of the front by which levels are found that give an even thickness."""
 STEEPEST = 2.0
 """Largest factor of one correction."""
+SECANTS = 6
+"""Most solutions of the front by which the level of a mean or smallest thickness is found."""
+CLOSE = 0.01
+"""Logarithm of the thickness within which that is near enough."""
+THINNEST = 0.05
+"""Smallest thickness that a share of the local radius leads to, as a share of its mean."""
+TORN = 0.05
+"""Share of the level asked below which a level with the body's genus is of no use."""
+SAMPLES = 20_000
+"""Samples of the surface by which distances to it are found."""
 
 
 @dataclass(frozen=True)
@@ -196,35 +207,132 @@ def goal_levels(
     InputError
         A factor is for a face that the body has not.
     """
-    factor = _factors(thickness.factors, surface, frame)
-    if thickness.kind == "even":
-        goal = _even(thickness.value * factor, surface, frame, field)
+    notes = []
+    lengths = wanted_lengths(thickness, surface, frame)
+    if lengths is not None:
+        goal = _even(lengths, surface, frame, field)
         thin = goal >= DEEPEST * (1.0 - 1e-9)
-        notes = []
-        if thin.any():
-            faces = _faces_of(surface, thin)
+        faces = _faces_of(surface, thin)
+        if faces:
             notes.append(
-                f"the body is less than twice {thickness} thick at {', '.join(faces)};"
-                " the shell stays thinner there"
+                f"the midstructure is nearer than {thickness} at {', '.join(faces)}; the shell"
+                " stays thinner there"
             )
         return goal, notes
-    level = thickness.value if thickness.kind == "w0" else _level_for(thickness, surface, field)
-    notes = []
-    if thickness.kind != "w0" and level >= DEEPEST * (1.0 - 1e-9):
-        notes.append(f"the body is too thin for {thickness}; the shell is as thick as it can be")
+    factor = _factors(thickness.factors, surface, frame)
+    level = thickness.value
+    if thickness.in_mm:
+        level = _level_for(thickness, surface, frame, field)
+        if level >= DEEPEST * (1.0 - 1e-9):
+            notes.append(
+                f"the body is too thin for {thickness}; the shell is as thick as it can be"
+            )
     goal = np.full(len(frame.nodes), level)
     if thickness.factors:
         goal = np.minimum(goal * factor, max(level, DEEPEST))
     return goal, notes
 
 
-def _factors(factors: Mapping[str, float], surface: PatchSurface, frame: ColumnFrame) -> np.ndarray:
-    """Factor at every control point: between faces the geometric mean, evened out a little."""
-    unknown = sorted(set(factors) - {p.face for p in surface.patches})
+def wanted_lengths(
+    thickness: Thickness, surface: PatchSurface, frame: ColumnFrame
+) -> np.ndarray | None:
+    """How far from the surface the inner one should be at each control point, (n,), mm.
+
+    None for the kinds that ask for one level of the field.
+
+    Raises
+    ------
+    InputError
+        A factor is for a face that the body has not.
+    """
+    if thickness.kind == "even":
+        return thickness.value * _factors(thickness.factors, surface, frame)
+    if thickness.kind == "share":
+        length = thickness.value * local_radius(surface, frame)
+        # towards the tip of a wedge the radius vanishes, but no element can
+        length = np.maximum(length, THINNEST * np.average(length, weights=frame.area))
+        return length * _factors(thickness.factors, surface, frame)
+    return None
+
+
+def local_radius(surface: PatchSurface, frame: ColumnFrame) -> np.ndarray:
+    """Half the body's thickness at each control point, (n,), mm.
+
+    That is the radius of the largest ball inside the body that touches the surface there; beside a
+    convex edge, where such balls are small, of the one in front of it.
+    """
+    local = local_thickness(SurfaceDistance(surface, SAMPLES))
+    near = cKDTree(local.points).query(frame.nodes, k=4)[1]
+    return frame.smooth(np.median(local.half[near], axis=1), 1)
+
+
+def usable_level(
+    field: HarmonicField, genus: Sequence[int], asked: float
+) -> tuple[float, float, str]:
+    """How far the isosurfaces up to a level look like the body (section 3.2).
+
+    Parameters
+    ----------
+    field : HarmonicField
+    genus : sequence of int
+        Of each shell of the body.
+    asked : float
+        Level, in (0, 1).
+
+    Returns
+    -------
+    largest : float
+        The largest level up to the one asked whose isosurface has the body's genus; 0 where none
+        has.
+    used : float
+        The level to take: where next to no level has it the field is torn by necks, which columns
+        cross undisturbed, and the level asked is kept.
+    note : str
+        What the user should know; empty where the asked level fits.
+    """
+    largest = field.largest_level(genus, asked)
+    if largest >= asked * (1.0 - 1e-9):
+        return largest, asked, ""
+    if largest < TORN * asked:
+        return (
+            largest,
+            asked,
+            (f"no isosurface has the body's genus; the shell is drawn to w0 = {asked:.3g}"),
+        )
+    return (
+        largest,
+        largest,
+        (
+            f"the isosurface at w0 = {asked:.3g} has another genus than the body; the largest level"
+            f" with the right genus is {largest:.3g}"
+        ),
+    )
+
+
+def check_faces(factors: Iterable[str], surface: PatchSurface) -> None:
+    """Refuse factors of faces that are not there.
+
+    Raises
+    ------
+    InputError
+    """
+    names = {patch.face for patch in surface.patches}
+    unknown = sorted(set(factors) - names)
     if unknown:
         raise InputError(
-            "the body has no such faces", faces=unknown, remedy="name faces of the body"
+            "the body has no such faces",
+            faces=unknown,
+            remedy=f"name some of its {len(names)} faces, such as {min(names, key=_by_number)}",
         )
+
+
+def _by_number(name: str) -> tuple[int, str]:
+    return len(name), name
+
+
+def _factors(factors: Mapping[str, float], surface: PatchSurface, frame: ColumnFrame) -> np.ndarray:
+    """Factor at every control point: between faces the geometric mean, evened out a little."""
+    check_faces(factors, surface)
     n = len(frame.nodes)
     if not factors:
         return np.ones(n)
@@ -236,23 +344,35 @@ def _factors(factors: Mapping[str, float], surface: PatchSurface, frame: ColumnF
     return np.exp(frame.smooth(total / np.maximum(count, 1.0), 1))
 
 
-def _level_for(thickness: Thickness, surface: PatchSurface, field: HarmonicField) -> float:
-    """The level whose isosurface has the mean or the smallest distance asked, by bisection."""
-    low, high = 0.0, min(DEEPEST, field.largest_level(surface.genus, HIGHEST))
-    if high <= 0.0:
-        raise FaultError(
-            "no level of the harmonic field has the body's genus",
-            remedy="keep other sheets of the midstructure",
+def _level_for(
+    thickness: Thickness, surface: PatchSurface, frame: ColumnFrame, field: HarmonicField
+) -> float:
+    """The level at which the solved front has the mean or the smallest thickness asked.
+
+    A secant in the logarithms: the thickness goes about like a power of the level.
+    """
+    _, highest, _ = usable_level(field, surface.genus, DEEPEST)
+    surface_distance = SurfaceDistance(surface, SAMPLES)
+    power = 1.0
+    level = 0.5 * highest
+    before: tuple[float, float] | None = None
+    for _ in range(SECANTS):
+        front = frame.nodes + solve_front(surface, frame, field, np.full(len(frame.nodes), level))
+        reached = surface_distance.nearest(front).distance
+        found = (
+            reached.min() if thickness.kind == "min" else np.average(reached, weights=frame.area)
         )
-    if shell_thickness(field, surface, high)[thickness.kind] <= thickness.value:
-        return high
-    for _ in range(12):
-        middle = 0.5 * (low + high)
-        if shell_thickness(field, surface, middle)[thickness.kind] < thickness.value:
-            low = middle
-        else:
-            high = middle
-    return 0.5 * (low + high)
+        ratio = thickness.value / max(found, 1e-12 * surface.diagonal)
+        logger.info("w0 = %.4g: %s thickness %.4g mm", level, thickness.kind, found)
+        if abs(np.log(ratio)) < CLOSE or (ratio > 1.0 and level >= highest):
+            break
+        if before and abs(np.log(level / before[0])) > 1e-3:
+            power = np.log(found / before[1]) / np.log(level / before[0])
+            power = float(np.clip(power, 0.3, 3.0))
+        before = level, found
+        step = np.clip(ratio ** (1.0 / power), 0.1, 3.0)
+        level = float(np.clip(level * step, LEVELS[0], highest))
+    return level
 
 
 def _even(
@@ -278,4 +398,4 @@ def _even(
 def _faces_of(surface: PatchSurface, points: np.ndarray) -> list[str]:
     """Faces on most of whose control points something is the case."""
     names = [p.face for p in surface.patches if points[np.unique(p.index)].mean() > 0.3]
-    return sorted(set(names), key=lambda name: (len(name), name))
+    return sorted(set(names), key=_by_number)

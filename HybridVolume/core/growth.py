@@ -22,7 +22,7 @@ from scipy.sparse.linalg import splu
 from .. import errors
 from . import bspline
 from .front import ColumnFrame, column_frame, solve_front
-from .goals import Thickness, goal_levels
+from .goals import Thickness, goal_levels, usable_level
 from .harmonic import HarmonicField
 from .intersection import self_intersections
 from .levels import Spacing, spaced_layers, uniform_layers
@@ -438,17 +438,10 @@ def grow_shell(
     top = float(goal.max())
     # the mean of one and the same number has rounding in it
     asked = top if goal.min() == top else float(grower.area @ goal)
-    level = field.largest_level(surface.genus, top)
-    if level < 0.05 * top:
-        # the field is torn by necks at every level, but the columns cross them undisturbed
-        notes.append(f"no isosurface has the body's genus; the shell is drawn to w0 = {top:.3g}")
-    elif level < top * (1.0 - 1e-9):
-        notes.append(
-            f"the isosurface at w0 = {top:.3g} has another genus than the body;"
-            f" the largest level with the right genus is {level:.3g}"
-        )
-        goal = np.minimum(goal, level)
-    report(0.1, f"isosurface has the body's genus up to w0 = {level:.3g}")
+    largest, used, note = usable_level(field, surface.genus, top)
+    notes += [note] if note else []
+    goal = np.minimum(goal, used)
+    report(0.1, f"isosurface has the body's genus up to w0 = {largest:.3g}")
     best = grower.from_front(goal)
     if best is None:
         notes.append("grown from a thin start")

@@ -15,7 +15,7 @@ from ..errors import FaultError, InputError, SelfIntersectionError
 from .check import check_surface
 from .finite_elements import build_finite_elements
 from .gap import gap_volume
-from .goals import Thickness
+from .goals import Thickness, check_faces
 from .growth import grow_shell
 from .harmonic import HarmonicField, solve_harmonic
 from .hybrid import HybridVolume
@@ -23,10 +23,10 @@ from .interior import Interior
 from .intersection import self_intersections
 from .levels import Spacing
 from .midstructure import Midstructure, Search, find_midstructure
+from .reached import expected_figures, isosurface_figures, layer_heights, reached_figures
 from .refinement import flatten_spans
 from .shell import Shell
 from .surface import PatchSurface
-from .thickness import shell_thickness
 
 logger = logging.getLogger(__name__)
 
@@ -53,7 +53,8 @@ class Options:
     w0 : float
         Harmonic level of the inner boundary: 0 is the surface, 1 the midstructure.
     thickness : str
-        In place of w0, where given: mm as for `Thickness.parse`, e.g. ``"2 mm"``.
+        In place of w0, where given, as for `Thickness.parse`: ``"2 mm"`` everywhere,
+        ``"mean 2 mm"``, ``"min 2 mm"``, or ``"30 %"`` of the local radius.
     method : {"certified", "paper"}
         How the shell is made: by the front and the untangling, or as in the paper's section 3,
         for comparison. Both are proved, and refused where the proof fails.
@@ -202,6 +203,7 @@ def complete(
     """
     options = options or Options()
     report = progress or _silent
+    spacing = Spacing.parse(options.spacing)
     stage = midstructure_stage(surface, options, report, own)
     body = stage.surface
     field = field_stage(stage, options, report)
@@ -212,7 +214,7 @@ def complete(
         options.goal,
         layers=options.layers,
         degree_w=options.degree,
-        spacing=Spacing.parse(options.spacing),
+        spacing=spacing,
         progress=lambda share, text: report("shell", 0.3 + 0.45 * share, text),
     )
     report("interior", 0.75, f"{certificate.valid} elements proved; interface, core, FEM mesh")
@@ -237,7 +239,17 @@ def complete(
         interface=interface,
         fem=fem,
         gap_volume=gap,
-        report={"boundary_deviation": stage.deviation, "search": search_figures(options)},
+        report={
+            "boundary_deviation": stage.deviation,
+            "search": search_figures(options),
+            "method": options.method,
+            "spacing": spacing.text,
+            "layer_heights": layer_heights(shell),
+            "isosurface": isosurface_figures(
+                field, body, float(shell.goal.max()) if len(shell.goal) else options.w0
+            ),
+            **reached_figures(shell, options.goal),
+        },
     )
 
 
@@ -248,6 +260,8 @@ def midstructure_stage(
     own: Own | None = None,
 ) -> Stage:
     """Check a body and find its midstructure, with the user's decisions applied.
+
+    Faces that factors are given for must be there, so that a slip of the pen costs no time.
 
     Parameters
     ----------
@@ -268,6 +282,7 @@ def midstructure_stage(
     options = options or Options()
     report = progress or _silent
     report("surface", 0.02, f"{len(surface.patches)} patches, genus {_words(surface.genus)}")
+    check_faces(options.face_factors, surface)
     body = flatten_spans(surface)
     deviation = _deviation(surface, body)
     check_surface(body)
@@ -315,7 +330,7 @@ def thickness(
     options: Options | None = None,
     progress: Progress | None = None,
     own: Own | None = None,
-) -> tuple[Stage, dict[str, Any]]:
+) -> tuple[Stage, HarmonicField, dict[str, Any]]:
     """Tell how thick the shell will be, without making it.
 
     Parameters
@@ -326,26 +341,21 @@ def thickness(
     Returns
     -------
     stage : Stage
+    field : HarmonicField
     figures : dict
-        As of :func:`HybridVolume.core.thickness.shell_thickness`, mm.
+        As of :func:`HybridVolume.core.reached.expected_figures`, mm.
 
     Raises
     ------
     HybridVolumeError
-        As :func:`complete`, as far as the field; a thickness in mm, or factors of faces.
+        As :func:`complete`, as far as the field.
     """
     options = options or Options()
-    if options.thickness or options.face_factors:
-        raise InputError(
-            "the thickness is told for one level w0 everywhere, not for mm or factors of faces",
-            faces=sorted(options.face_factors),
-            remedy="leave them out, or compute the volume, whose report tells the thickness",
-        )
     report = progress or _silent
     stage = midstructure_stage(surface, options, report, own)
     field = field_stage(stage, options, report)
     report("thickness", 0.9, f"{len(field.mesh.tets)} tetrahedra in the field; distances")
-    return stage, shell_thickness(field, stage.surface, options.w0)
+    return stage, field, expected_figures(field, stage.surface, options.goal)
 
 
 def search_figures(options: Options) -> dict[str, Any]:

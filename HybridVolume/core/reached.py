@@ -249,9 +249,10 @@ def _listed(faces: Sequence[dict[str, Any]]) -> str:
 def expected_figures(
     field: HarmonicField, surface: PatchSurface, thickness: Thickness
 ) -> dict[str, Any]:
-    """How thick a shell will be, from the solved front: what is lost to valid elements is not in it.
+    """How thick a shell will be, without making it.
 
-    One level asked everywhere is answered from its isosurface instead.
+    One level asked everywhere is answered from its isosurface, all else from the solved front:
+    what a shell gives up for valid elements is not in it.
 
     Parameters
     ----------
@@ -420,7 +421,8 @@ def _levels(shell: Shell) -> tuple[np.ndarray, np.ndarray]:
     return level, goal
 
 
-def _cells(surface: PatchSurface) -> int:
+def cells_along(surface: PatchSurface) -> int:
+    """Squares along each knot span that figures are taken over."""
     return int(np.clip(np.sqrt(_POINTS / surface.element_count), 2, 12))
 
 
