@@ -27,6 +27,7 @@ version = __version__
 _FUNCTIONS = (
     "complete",
     "edit_midstructure",
+    "edit_volume",
     "find_midstructure",
     "medial_axis",
     "read_step",

@@ -4,7 +4,8 @@
 
 The two sides share a folder and two pipes. The folder holds what :meth:`Job.prepare` writes
 (:data:`OPTIONS_FILE`, :data:`SURFACE_FILE`, with geometry of the user's :data:`OWN_FILE`) and what
-the worker answers (:data:`RESULT_FILE`, :data:`REPORT_FILE` and the exports). On its output the
+the worker answers (:data:`RESULT_FILE` or, by the goal, :data:`FIELD_FILE`; :data:`REPORT_FILE`
+and the exports). On its output the
 worker writes one JSON object a line: ``{"stage", "fraction", "text"}`` while it works, then
 ``{"done": true}`` or ``{"error": {...}}``. Its input carries nothing and stays open: when it
 closes, our process is gone and the worker ends.
@@ -56,6 +57,7 @@ OPTIONS_FILE = "job.json"
 SURFACE_FILE = "surface.npz"
 OWN_FILE = "own.npz"
 RESULT_FILE = "result.npz"
+FIELD_FILE = "field.npz"
 REPORT_FILE = "report.json"
 LOG_FILE = "worker.log"
 EXPORTS = ("vtu", "inp", "png")
@@ -339,6 +341,14 @@ class Job:
         """Path of the stored hybrid volume or midstructure."""
         return self._file(RESULT_FILE)
 
+    @property
+    def field_file(self) -> Path:
+        """Path of the harmonic field, as :class:`HybridVolume.core.field_view.FieldView` reads it.
+
+        Only of the goal ``thickness``.
+        """
+        return self._file(FIELD_FILE)
+
     def report(self) -> dict:
         """Read the worker's part of report.json (docs/report.md)."""
         return json.loads(self._file(REPORT_FILE).read_text(encoding="utf-8"))
@@ -355,7 +365,7 @@ class Job:
     def answers(self) -> list[str]:
         """Names of the files that a worker must have written."""
         names = [REPORT_FILE, *(f"{self.name}.{export}" for export in self.exports)]
-        return names if self.goal == "thickness" else [RESULT_FILE, *names]
+        return [FIELD_FILE if self.goal == "thickness" else RESULT_FILE, *names]
 
     def _read_lines(self) -> None:
         with contextlib.suppress(ValueError, OSError):  # closed while we read: cancelled

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from HybridVolume.core.midstructure import Midstructure
     from HybridVolume.core.surface import PatchSurface, SplineFace
     from HybridVolume.objects.midstructure_editor import Editor
+    from HybridVolume.objects.volume_editor import VolumeEditor
     from HybridVolume.sources import Body
 
 
@@ -152,6 +153,24 @@ def edit_midstructure(obj: Any) -> Editor:
     from HybridVolume.objects.midstructure_editor import Editor
 
     return Editor(getattr(obj, "Midstructure", None) or obj)
+
+
+def edit_volume(obj: Any) -> VolumeEditor:
+    """Return what completes the volume of a body in a document, as the panel does.
+
+    Parameters
+    ----------
+    obj : App.DocumentObject
+        A body, which gets a new hybrid volume, or a hybrid volume, which is computed again.
+
+    Raises
+    ------
+    InputError
+        The hybrid volume has no body.
+    """
+    from HybridVolume.objects.volume_editor import VolumeEditor
+
+    return VolumeEditor(obj)
 
 
 def _own(own: Any) -> Any:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""The task panel: parameters, Run, progress, Cancel. The window stays usable while it computes."""
+"""The task panel: thickness, layers, Run, progress. The window stays usable while it computes."""
 
 from __future__ import annotations
 
@@ -12,17 +12,28 @@ import FreeCADGui
 from PySide import QtCore, QtGui
 
 from HybridVolume import sources
+from HybridVolume.core.goals import Thickness
 from HybridVolume.errors import HybridVolumeError, InputError
 from HybridVolume.job import Job, worker_python
-from HybridVolume.objects import document
-from HybridVolume.objects.midstructure import METHODS, own_geometry
-from HybridVolume.objects.volume import current_parameters, options_of, set_status
+from HybridVolume.objects import thickness as shell
+from HybridVolume.objects.midstructure import METHODS
+from HybridVolume.objects.volume import inputs_of, options_of, set_status
+from HybridVolume.objects.volume_editor import VolumeEditor
+from HybridVolume.sources import global_shape
 
 from . import messages, preferences
+from .dock import WideDock
+from .face_factors import FaceFactors, face_names
 from .runner import Callbacks, Runner
-from .work import NO_ENVIRONMENT, environment_setup, is_deleted, read_bodies
+from .thickness_form import LayersForm, ThicknessForm
+from .thickness_preview import ThicknessPreview
+from .volume_macro import VolumeMacro
+from .work import NO_ENVIRONMENT, environment_setup, is_deleted, waiting
 
 ORDERS = (("Second", "second order"), ("First", "first order"))
+
+WIDTH = 340
+"""Of the dock, in pixels."""
 
 
 class TaskPanel:
@@ -50,25 +61,72 @@ class TaskPanel:
         self.created: list[Any] = []
         self._source = source
         self._volume = volume
+        self._editor = VolumeEditor(volume or source)
+        self._macro = VolumeMacro(volume or source)
         self._document = source.Document.Name
         self._bodies: list[tuple[int, sources.Body]] = []
         self._fingerprint = ""
         self._parameters: dict[str, Any] = {}
+        self._closed = False
+        self._filled = False
+        solids = _solids(source)
+        self._single = volume is not None or len(solids) == 1
+        solid = volume.Solid if volume else 1
+        size = _size(solids[solid - 1] if len(solids) >= solid else None)
         self._runner = Runner(
             Callbacks(self._show_progress, self._write, self._finish, self._fail), self._ready
         )
-        self._fill_form()
+        self._preview = ThicknessPreview(
+            self.form,
+            source,
+            volume,
+            thickness=self._asked,
+            parameters=self._read_form,
+            make_job=self._field_job,
+            callbacks=Callbacks(
+                self._show_progress, self._write, lambda _: None, self._fail_preview
+            ),
+            changed=self._preview_changed,
+        )
+        self._thickness = ThicknessForm(self.form, size, self._preview_update)
+        self._layers = LayersForm(self.form, size)
+        names = face_names(source, solid) if self._single else {}
+        self._faces = FaceFactors(
+            self.form, source, names, self._preview_update, self._faces_opened
+        )
+        self._fill_form(size)
+        self._dock = WideDock(self.form, WIDTH)
+        # whoever closes the dialog: observers and glass must go
+        self.form.destroyed.connect(lambda *_: self._clean())
 
     # What FreeCAD asks a panel.
 
     def getStandardButtons(self) -> Any:
-        """Return the one button below the panel."""
-        return QtGui.QDialogButtonBox.Close
+        """Return the buttons beside the panel: OK keeps the values of a volume that is there."""
+        if self._volume is None:
+            return QtGui.QDialogButtonBox.Close
+        return QtGui.QDialogButtonBox.Ok | QtGui.QDialogButtonBox.Cancel
+
+    def accept(self) -> bool:
+        """Keep the values, for a later run, and close."""
+        if self.running:
+            messages.tell("Hybrid volume", "It is still being computed. Wait, or press Cancel.")
+            return False
+        try:
+            changed = self._changed_values()
+            if changed:
+                self._macro.run("set", changed)
+        except HybridVolumeError as error:
+            self._write(f"error: {error.line}")
+            messages.show_error(error, self._source)
+            return False
+        self._close()
+        return True
 
     def reject(self) -> bool:
-        """Close the panel; what is running is cancelled."""
+        """Close the panel; what is running is cancelled, values without a run are forgotten."""
         self.cancel()
-        FreeCADGui.Control.closeDialog()
+        self._close()
         return True
 
     def isAllowedAlterDocument(self) -> bool:
@@ -82,6 +140,17 @@ class TaskPanel:
     def isAllowedAlterView(self) -> bool:
         """Leave the view usable while the panel is open."""
         return True
+
+    def _close(self) -> None:
+        self._clean()
+        FreeCADGui.Control.closeDialog()
+
+    def _clean(self) -> None:
+        if not self._closed:
+            self._closed = True
+            self._preview.close()
+            self._faces.close()
+            self._dock.close()
 
     # The panel's own work.
 
@@ -97,11 +166,13 @@ class TaskPanel:
 
     def run(self) -> None:
         """Read the body and start the computation; offer to make the environment if need be."""
-        if self.running:
+        if self.running or self._preview.running:
             return
         self.form.log.clear()
         try:
             setup = environment_setup()
+            self._parameters = self._read_form()
+            options_of(self._parameters)  # a value out of its range is refused at once
             self._read()
         except HybridVolumeError as error:
             self._fail(error, "")
@@ -109,7 +180,6 @@ class TaskPanel:
         if setup is False:
             self._idle(NO_ENVIRONMENT)
             return
-        self._parameters = self._read_form()
         self._busy("Starting")
         try:
             self._runner.start(self._make_jobs, setup)
@@ -118,57 +188,117 @@ class TaskPanel:
 
     def cancel(self) -> None:
         """Stop the computation; the document stays as it was."""
+        if self._preview.running:
+            self._preview.cancel()
+            self._idle("Cancelled")
         if self.running:
             self._runner.cancel()
             self._write("cancelled; the document is as it was")
             self._idle("Cancelled")
 
-    def _fill_form(self) -> None:
+    def _fill_form(self, size: float) -> None:
         form = self.form
         chosen = preferences.load()
         form.body.setText(self._source.Label)
         methods = METHODS if self._volume else [name for name in METHODS if name != "own"]
         form.method.addItems([method.replace("-", " ") for method in methods])
         form.order.addItems([text for _, text in ORDERS])
-        form.w0.valueChanged.connect(lambda value: form.w0Slider.setValue(round(100 * value)))
-        form.w0Slider.valueChanged.connect(self._slide)
-        computed = self._volume is not None and bool(self._volume.Result)
-        form.w0.setValue(self._volume.W0 if computed else chosen.w0)
-        form.layers.setValue(self._volume.Layers if computed else chosen.layers)
+        values = self._editor.parameters()
+        if shell.relevant(values) == shell.relevant(shell.DEFAULTS) and not _computed(self._volume):
+            values |= {"W0": chosen.w0, "Layers": chosen.layers}
+        counting = shell.relevant(values)
+        lengths = {"Thickness": 0.25 * size, "FirstLayer": 0.03 * size}
+        values |= {
+            name: float(f"{length:.1g}") for name, length in lengths.items() if name not in counting
+        }
+        self._thickness.show(values)
+        self._layers.show(values)
+        self._faces.show(shell.face_factors(values["FaceFactors"]))
+        for widget in (form.showInner, form.facesToggle):
+            widget.setEnabled(self._single)
+            if not self._single:
+                widget.setToolTip(
+                    "The body has several solids: open the hybrid volume of one of them instead."
+                )
         if self._volume:
             # what it is to be is decided in its own panel
             form.method.setCurrentIndex(METHODS.index(self._volume.Midstructure.Method))
             form.method.hide()
-            form.parametersLayout.addWidget(form.midstructure, 3, 1, 1, 2)
+            form.layersLayout.addWidget(form.midstructure, 2, 1)
             kept = self._volume.Midstructure.Kept
             found = f"{sum(kept)} of {len(kept)} sheets" if kept else "not found yet"
             form.midstructure.setText(f"{found}...")
-            names = [name for name, _ in ORDERS]
-            order = current_parameters(self._volume)["FemMesh.Order"]
-            form.order.setCurrentIndex(names.index(order))
+        names = [name for name, _ in ORDERS]
+        form.order.setCurrentIndex(names.index(values["FemMesh.Order"]))
         form.midstructure.clicked.connect(self._open_midstructure)
         form.run.clicked.connect(self.run)
         form.cancel.clicked.connect(self.cancel)
+        self._filled = True
         self._idle("Ready" if self._volume is None else self._volume.Status)
 
-    def _slide(self, value: int) -> None:
-        # A typed value between two steps of the slider must not be rounded by it.
-        if round(100 * self.form.w0.value()) != value:
-            self.form.w0.setValue(value / 100)
-
     def _read_form(self) -> dict[str, Any]:
-        parameters = {
-            "W0": self.form.w0.value(),
-            "Layers": self.form.layers.value(),
+        values = {
+            **self._editor.parameters(),
+            **self._thickness.values,
+            **self._layers.values,
+            "FaceFactors": shell.factor_texts(self._faces.factors),
             "FemMesh.Order": ORDERS[self.form.order.currentIndex()][0],
         }
-        if self._volume:
-            return {**current_parameters(self._volume), **parameters}
-        return {
-            **{"Degree": 3, "Tolerance": 1e-7},
-            **parameters,
-            "Midstructure.Method": METHODS[self.form.method.currentIndex()],
-        }
+        if self._volume is None:
+            values["Midstructure.Method"] = METHODS[self.form.method.currentIndex()]
+        return values
+
+    def _changed_values(self) -> dict[str, Any]:
+        """Keywords of the editor for what differs from the volume's values."""
+        from HybridVolume.objects.volume_editor import keywords_of
+
+        before, now = self._editor.parameters(), self._read_form()
+        if inputs_of(before) == inputs_of(now):
+            return {}
+        old, new = keywords_of(before), keywords_of(now)
+        if not self._volume.FemMesh:
+            del new["order"]
+        return {name: value for name, value in new.items() if old[name] != value}
+
+    # The inner boundary.
+
+    def _asked(self) -> Thickness:
+        return shell.thickness_of(self._read_form())
+
+    def _field_job(self, parameters: dict[str, Any]) -> Job:
+        self._read()
+        chosen = preferences.load()
+        # the field is the same for every thickness
+        plain = {**parameters, "ThicknessKind": "Level w0", "FaceFactors": ()}
+        (job,) = self._editor.jobs(
+            self._bodies,
+            plain,
+            goal="thickness",
+            python=worker_python(chosen.python),
+            free_only=chosen.free_only,
+        )
+        return job
+
+    def _preview_update(self) -> None:
+        if self._filled:
+            self._preview.update()
+
+    def _faces_opened(self) -> None:
+        if self._filled:
+            self._preview.show_body(self._faces.open)
+
+    def _preview_changed(self) -> None:
+        if not self.running and self._filled:
+            if self._preview.field is not None:
+                self._thickness.reach(float(self._preview.field.distance.max()))
+            self._idle(self.form.stage.text() if self._preview.running else "Ready")
+
+    def _fail_preview(self, error: HybridVolumeError, log: str) -> None:
+        self._write(f"error: {error.line}")
+        if log:
+            FreeCAD.Console.PrintError(log)
+        self._idle("Failed")
+        messages.show_error(error, self._source, log)
 
     def tell(self, line: str) -> None:
         """Write a line for the user."""
@@ -192,15 +322,8 @@ class TaskPanel:
 
     def _read(self) -> None:
         """Take the faces of the body; refused solids are named, the others go on."""
-        self._fingerprint, read = read_bodies(self._source)
-        bodies = list(enumerate(read, start=1))
-        if self._volume:
-            bodies = [(number, body) for number, body in bodies if number == self._volume.Solid]
-            if not bodies:
-                raise InputError(
-                    f"{self._source.Label} has no solid {self._volume.Solid} any more",
-                    remedy="remove this hybrid volume and make a new one",
-                )
+        with waiting():
+            self._fingerprint, bodies = self._editor.read()
         for _, body in bodies:
             if body.error:
                 self._write(f"{body.name} is refused: {body.error.line}")
@@ -210,22 +333,13 @@ class TaskPanel:
 
     def _make_jobs(self) -> Sequence[Job]:
         chosen = preferences.load()
-        options = options_of(self._parameters)
-        options["engine"] = chosen.engine
-        python = worker_python(chosen.python)
-        own = own_geometry(self._volume.Midstructure) if self._volume else None
-        return [
-            Job(
-                body.faces,
-                name=body.name,
-                options=options,
-                source={"file": self._source.Label, "bodies": len(self._bodies)},
-                own=own,
-                python=python,
-                free_only=chosen.free_only,
-            )
-            for _, body in self._bodies
-        ]
+        return self._editor.jobs(
+            self._bodies,
+            self._parameters,
+            engine=chosen.engine,
+            python=worker_python(chosen.python),
+            free_only=chosen.free_only,
+        )
 
     def _ready(self) -> bool:
         doc = FreeCAD.listDocuments().get(self._document)
@@ -244,6 +358,10 @@ class TaskPanel:
                 f"{volume.Label}: w0 {volume.W0Reached:.3g}, {volume.Elements} elements of the "
                 f"shell, all proved valid, {volume.Core.Elements} tets"
             )
+            if volume.Report.get("shell.sentence"):
+                self._write(f"{volume.Label}: {volume.Report['shell.sentence']}")
+        # the shell itself is there now
+        self._preview.hide()
         self.form.progress.setValue(self.form.progress.maximum())
         self._idle("Done")
 
@@ -255,21 +373,12 @@ class TaskPanel:
         for obj in filter(None, (self._source, self._volume)):
             if is_deleted(obj):
                 raise InputError("the body or its volume was deleted while it was computed")
-        prepared = [
-            document.Prepared(
-                document.Completed(
-                    body=body,
-                    solid=number,
-                    volume=job.result(),
-                    result=job.result_file,
-                    report=job.report(),
-                    parameters=self._parameters,
-                    fingerprint=self._fingerprint,
-                )
-            )
-            for (number, body), job in zip(self._bodies, jobs, strict=True)
-        ]
-        return document.insert(doc, self._source, prepared, self._volume)
+        engine = preferences.load().engine
+        return self._macro.completed(
+            self._parameters,
+            engine,
+            lambda: self._editor.insert(self._bodies, jobs, self._parameters, self._fingerprint),
+        )
 
     def _fail(self, error: HybridVolumeError, log: str) -> None:
         self._write(f"error: {error.line}")
@@ -306,6 +415,24 @@ class TaskPanel:
         self._enable(running=False)
 
     def _enable(self, *, running: bool) -> None:
+        field = self._preview.running
         self.form.parameters.setEnabled(not running)
-        self.form.run.setEnabled(not running)
-        self.form.cancel.setEnabled(running)
+        self.form.run.setEnabled(not (running or field))
+        self.form.cancel.setEnabled(running or field)
+
+
+def _computed(volume: Any | None) -> bool:
+    return volume is not None and bool(volume.Result)
+
+
+def _solids(source: Any) -> list[Any]:
+    shape = global_shape(source)
+    return [] if shape is None or shape.isNull() else shape.Solids
+
+
+def _size(shape: Any | None) -> float:
+    """Half of the smallest side of a shape's box, mm: no shell is thicker."""
+    if shape is None:
+        return 1.0
+    box = shape.BoundBox
+    return max(0.5 * min(box.XLength, box.YLength, box.ZLength), 1e-9)

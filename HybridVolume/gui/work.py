@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+from collections.abc import Iterator
 from typing import Any
 
 from PySide import QtCore, QtGui
@@ -54,9 +56,16 @@ def read_bodies(source: Any) -> tuple[str, list[sources.Body]]:
     InputError
         The object has no solid.
     """
+    with waiting():
+        return source_fingerprint(source), list(sources.read_object(source))
+
+
+@contextlib.contextmanager
+def waiting() -> Iterator[None]:
+    """Show a waiting cursor meanwhile."""
     QtGui.QApplication.setOverrideCursor(QtCore.Qt.WaitCursor)
     try:
-        return source_fingerprint(source), list(sources.read_object(source))
+        yield
     finally:
         QtGui.QApplication.restoreOverrideCursor()
 
