@@ -21,6 +21,7 @@ from scipy.sparse.linalg import LinearOperator, cg
 from .. import errors
 from .cones import most_inward
 from .harmonic import HarmonicField
+from .singular import normals_around
 from .surface import PatchSurface
 
 logger = logging.getLogger(__name__)
@@ -123,6 +124,13 @@ def column_frame(surface: PatchSurface) -> ColumnFrame:
         _, x_u, x_v = surface.evaluate(k, uu.ravel(), vv.ravel(), 1)
         normals.append(-np.cross(x_u, x_v))
         owners.append(grid.ravel())
+        # where the normal is zero those around it count: a column must be inward for all of them
+        size = np.linalg.norm(normals[-1], axis=1)
+        zero = size < 1e-9 * size.max()
+        if zero.any():
+            around = normals_around(surface, k, uu.ravel()[zero], vv.ravel()[zero])
+            normals.append(around.reshape(-1, 3))
+            owners.append(np.tile(grid.ravel()[zero], len(around)))
         x = nodes[grid]
         du = np.linalg.norm(np.diff(x, axis=0), axis=2)
         dv = np.linalg.norm(np.diff(x, axis=1), axis=2)

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 VANISHING = 1e-9
 """Share of a span's largest normal coefficient below which a normal is zero."""
+BESIDE = 0.96
+"""Places beside singular ones are drawn to the middle of the span by this factor."""
 
 
 @dataclass(frozen=True)
@@ -155,6 +157,70 @@ def vanishing_normals(s_u: np.ndarray, s_v: np.ndarray, count: int) -> np.ndarra
     size = np.linalg.norm(np.cross(s_u, s_v), axis=1).reshape(-1, count)
     largest = size.max(axis=1, keepdims=True)
     return (size <= VANISHING * largest).ravel()
+
+
+def beside_singular(
+    surface: PatchSurface,
+    uv: np.ndarray,
+    elements: np.ndarray,
+    s_u: np.ndarray,
+    s_v: np.ndarray,
+    vanishing: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives at samples, those where the normal is zero taken a little inside of the span.
+
+    Parameters
+    ----------
+    surface : PatchSurface
+    uv : (m,) array
+        Sample lines of the elements in both directions.
+    elements : (ne,) int array
+    s_u, s_v : (ne * m * m, 3) arrays
+    vanishing : (ne * m * m,) bool array
+
+    Returns
+    -------
+    s_u, s_v : arrays of the same shape
+        The replaced ones are as long as those of their span in the mean.
+    """
+    count = len(uv) ** 2
+    rows = np.flatnonzero(vanishing.reshape(-1, count).any(axis=1))
+    near = surface.element_samples(0.5 + BESIDE * (uv - 0.5), 0.5 + BESIDE * (uv - 0.5),
+                                   elements[rows])  # fmt: skip
+    _, *found = near.surface(surface.control_points)
+    mask = vanishing.reshape(-1, count)[rows]
+    result = []
+    for given, moved in zip((s_u, s_v), found, strict=True):
+        typical = np.linalg.norm(given.reshape(-1, count, 3)[rows], axis=2).mean(axis=1)
+        length = np.linalg.norm(moved, axis=1, keepdims=True)
+        moved = moved / np.maximum(length, 1e-300) * np.repeat(typical, count)[:, None]
+        out = given.copy().reshape(-1, count, 3)
+        part = out[rows]
+        part[mask] = moved.reshape(-1, count, 3)[mask]
+        out[rows] = part
+        result.append(out.reshape(-1, 3))
+    return result[0], result[1]
+
+
+def normals_around(surface: PatchSurface, patch: int, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Inward normals a little beside parameter pairs, on all four sides, (4, m, 3).
+
+    For places where the normal itself is zero; outside of the patch the nearest pair inside stands.
+    """
+    steps = [0.5 * (1.0 - BESIDE) * np.diff(np.unique(k)).min() for k in
+             surface.patches[patch].knots]  # fmt: skip
+    found = []
+    for i, j in ((-1, -1), (1, -1), (-1, 1), (1, 1)):
+        # at the rim of the patch one must leave the other rim as well: a corner has two
+        a, b = _reflected(u + i * steps[0]), _reflected(v + j * steps[1])
+        _, x_u, x_v = surface.evaluate(patch, a, b, 1)
+        found.append(-np.cross(x_u, x_v))
+    return np.array(found)
+
+
+def _reflected(x: np.ndarray) -> np.ndarray:
+    """Values in [0, 1]; what is outside comes back as far inside."""
+    return 1.0 - np.abs(1.0 - np.abs(x))
 
 
 def class_indices(count: int) -> np.ndarray:

@@ -21,7 +21,7 @@ from scipy.sparse.linalg import splu
 from .bezier import bernstein
 from .harmonic import HarmonicField
 from .quadrature import lobatto
-from .singular import vanishing_normals
+from .singular import beside_singular, vanishing_normals
 from .surface import PatchSurface
 
 logger = logging.getLogger(__name__)
@@ -110,6 +110,9 @@ def _sample_set(
         axis=2,
     )  # (rows, levels, column of J, coordinate)
     _, s_u, s_v = samples.surface(points)
+    vanishing = vanishing_normals(s_u, s_v, samples.count)
+    if vanishing.any():
+        s_u, s_v = beside_singular(surface, uv, elements, s_u, s_v, vanishing)
     frame = _reference_frames(s_u, s_v, np.maximum(samples.values @ reference, 1e-300))
     inverse = np.linalg.inv(frame)
     on_value = np.stack(
@@ -124,7 +127,7 @@ def _sample_set(
     scale = np.ascontiguousarray((w / weight).T)
     cross = np.ascontiguousarray(np.einsum("rlc,rck->lkr", on_value, inverse))
     # where the given surface is singular det J is zero whatever the columns do: no sample there
-    still = np.flatnonzero(vanishing_normals(s_u, s_v, samples.count))
+    still = np.flatnonzero(vanishing)
     for level in np.flatnonzero(w == 0.0):
         constant[level][:, :, still] = np.eye(3)[:, :, None]
         scale[level, still] = 0.0
