@@ -40,6 +40,8 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
+from scipy.interpolate import PchipInterpolator
+from scipy.optimize import minimize
 
 from ..errors import (
     HybridVolumeError,
@@ -69,6 +71,8 @@ ROUNDS = 60
 """Corrections in which an end is brought to its isosurface."""
 NEAR = 1e-5
 """Distance from the level, as a share of it, at which an end stands on its isosurface."""
+ROUNDS_OF_LEVELS = 5
+"""Corrections of the levels W by the volumes of the layers that they give."""
 EVEN = 0.01
 """Difference of the layers' volumes, as a share, that is small enough."""
 GRIDS = (1, 2)
@@ -422,45 +426,72 @@ def _levels(
 ) -> np.ndarray:
     """The set W: one for all paths, such that the layers have equal volumes, (nw,)."""
     count = len(knots) - degree - 1
-    even = w0 * np.arange(count) / (count - 1)
+    best, least = w0 * np.arange(count) / (count - 1), np.inf
     breaks = bspline.breakpoints(knots)
-    if len(breaks) == 2:
-        return even
     triangles, _ = control_net(surface)
     volume = np.array([enclosed_volume(x, triangles) for x in paths])
     taken = (volume[0] - volume) / (volume[0] - volume[-1])
-    if not (np.diff(taken) > 0.0).all():
-        return even
-    # the levels' spline passes, at sites among which are the knots, where shares of it are taken
-    sites = np.unique(np.concatenate([breaks, _more_sites(breaks, count)]))
-    collocation = bspline.basis_matrix(degree, knots, sites).toarray()
-    wanted = sites.copy()
-    best, least = even, np.inf
-    for _ in range(4):
-        at = np.interp(wanted, taken, w0 * np.arange(len(paths)) / (len(paths) - 1))
-        levels = np.linalg.solve(collocation, at)
-        levels[0], levels[-1] = 0.0, w0
-        if not (np.diff(levels) > 0.0).all():
+    if len(breaks) == 2 or not (np.diff(taken) > 0.0).all():
+        return best
+    # the control nets tell the volume below a level well enough to begin with; then the elements do
+    below = PchipInterpolator(taken, w0 * np.arange(len(paths)) / (len(paths) - 1))
+    splines = bspline.basis_matrix(degree, knots, breaks[1:-1]).toarray()
+    wanted = breaks.copy()
+    for _ in range(ROUNDS_OF_LEVELS):
+        levels = _smoothest(splines, below(wanted[1:-1]) / w0)
+        if levels is None:
             break
-        sizes = _swept(surface, field, paths, levels, knots).element_volumes()
+        sizes = _swept(surface, field, paths, w0 * levels, knots).element_volumes()
         layer = sizes.reshape(-1, len(breaks) - 1).sum(axis=0)
         spread = float(np.ptp(layer) / layer.mean())
         if spread < least:
-            best, least = levels, spread
+            best, least = w0 * levels, spread
         if spread < EVEN:
             break
         reached = np.concatenate([[0.0], np.cumsum(layer)]) / layer.sum()
-        wanted = np.clip(wanted + np.interp(sites, breaks, breaks - reached), 0.0, 1.0)
+        wanted = wanted + breaks - reached
+        if not (np.diff(wanted) > 0.0).all():
+            break
     logger.info("levels W: volumes of the layers differ by %.2g", least)
     return best
 
 
-def _more_sites(breaks: np.ndarray, count: int) -> np.ndarray:
-    """Sites beside the knots, as many as the splines need, in the first and the last layer."""
-    extra = count - len(breaks)
-    first = np.linspace(breaks[0], breaks[1], extra - extra // 2 + 2)[1:-1]
-    last = np.linspace(breaks[-2], breaks[-1], extra // 2 + 2)[1:-1]
-    return np.concatenate([first, last])
+def _smoothest(splines: np.ndarray, values: np.ndarray) -> np.ndarray | None:
+    """Rising spline coefficients from 0 to 1 with given values, their steps as even as can be.
+
+    The steps are a geometric row where that is enough: few values leave the coefficients open.
+
+    Parameters
+    ----------
+    splines : (m, n) array
+        The basis functions at m places.
+    values : (m,) array
+
+    Returns
+    -------
+    (n,) array, or None where there are none
+    """
+
+    def coefficients(logarithms: np.ndarray) -> np.ndarray:
+        steps = np.exp(logarithms - logarithms.max())
+        return np.concatenate([[0.0], np.cumsum(steps) / steps.sum()])
+
+    def uneven(logarithms: np.ndarray) -> float:
+        return float((np.diff(logarithms, 2) ** 2).sum() + 1e-3 * (np.diff(logarithms) ** 2).sum())
+
+    found = minimize(
+        uneven,
+        np.zeros(splines.shape[1] - 1),
+        method="SLSQP",
+        constraints={
+            "type": "eq",
+            "fun": lambda logarithms: splines @ coefficients(logarithms) - values,
+        },
+        options={"maxiter": 200, "ftol": 1e-8},
+    )
+    levels = coefficients(found.x)
+    near = np.abs(splines @ levels - values).max() < 1e-3
+    return levels if near and (np.diff(levels) > 0.0).all() else None
 
 
 # ------------------------------------------------------------------------------ what is refused

@@ -23,6 +23,7 @@ from .interior import Interior
 from .intersection import self_intersections
 from .levels import Spacing
 from .midstructure import Midstructure, Search, find_midstructure
+from .paper import check_wishes, paper_field, paper_shell
 from .reached import expected_figures, isosurface_figures, layer_heights, reached_figures
 from .refinement import flatten_spans
 from .shell import Shell
@@ -140,6 +141,8 @@ class Options:
                 raise InputError(
                     f"{name} is {getattr(self, name)!r}", remedy=f"choose one of {words}"
                 )
+        if self.method == "paper":
+            check_wishes(self.thickness, self.face_factors, self.spacing)
         ranges = {
             "w0": (0.01, 0.99),
             "layers": (1, 50),
@@ -208,15 +211,15 @@ def complete(
     body = stage.surface
     field = field_stage(stage, options, report)
     report("shell", 0.3, f"{len(field.mesh.tets)} tetrahedra in the field; front")
-    shell, certificate = grow_shell(
-        body,
-        field,
-        options.goal,
-        layers=options.layers,
-        degree_w=options.degree,
-        spacing=spacing,
-        progress=lambda share, text: report("shell", 0.3 + 0.45 * share, text),
-    )
+    across = {
+        "layers": options.layers,
+        "degree_w": options.degree,
+        "progress": lambda share, text: report("shell", 0.3 + 0.45 * share, text),
+    }
+    if options.method == "paper":
+        shell, certificate = paper_shell(body, field, options.w0, **across)
+    else:
+        shell, certificate = grow_shell(body, field, options.goal, spacing=spacing, **across)
     report("interior", 0.75, f"{certificate.valid} elements proved; interface, core, FEM mesh")
     interface, interior, fem = build_finite_elements(
         shell, nodes=options.nodes, order=options.order, engine=options.engine
@@ -322,7 +325,8 @@ def field_stage(
             remedy=f"keep a sheet; the largest are {sheet_names(found)}",
         )
     report("field", 0.12, f"{found.kept_sheets} sheets kept; harmonic field")
-    return solve_harmonic(stage.surface, found)
+    solve = paper_field if options is not None and options.method == "paper" else solve_harmonic
+    return solve(stage.surface, found)
 
 
 def thickness(
