@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
+import json
 import logging
 import os
 import re
@@ -12,8 +14,10 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,7 +25,7 @@ from HybridVolume.core.atomic import beside
 from HybridVolume.core.tetmesh.door import interpreter
 from HybridVolume.errors import SetupError
 
-from .scene import Scene, cutaway
+from .scene import Chart, Scene, cutaway
 
 if TYPE_CHECKING:
     from HybridVolume.core.hybrid import HybridVolume
@@ -69,12 +73,23 @@ def write_scene(
     size: tuple[int, int] = (1600, 1200),
     time_limit: float = 120.0,
 ) -> None:
-    """Draw a scene without a screen.
+    """Draw a scene without a screen; see :func:`write_scenes`."""
+    write_scenes({path: scene}, python, size=size, time_limit=time_limit)
+
+
+def write_scenes(
+    scenes: Mapping[str | os.PathLike, Scene | Chart],
+    python: str,
+    *,
+    size: tuple[int, int] = (1600, 1200),
+    time_limit: float = 120.0,
+) -> None:
+    """Draw scenes without a screen, all in one process.
 
     Parameters
     ----------
-    path : path
-    scene : Scene
+    scenes : mapping of path to Scene or Chart
+        Where each goes. All are written, or none.
     python : str
         An interpreter that has pyvista.
     size : (int, int)
@@ -87,14 +102,18 @@ def write_scene(
     SetupError
         Nothing on this system can draw.
     OSError
-        The place cannot be written.
+        A place cannot be written.
     """
-    with beside(path) as part, tempfile.TemporaryDirectory(prefix="hybridvolume-") as folder:
-        arrays = Path(folder) / "scene.npz"
-        np.savez(arrays, **_arrays(scene, size))
+    with contextlib.ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="hybridvolume-")))
+        pairs = []
+        for number, (path, scene) in enumerate(scenes.items()):
+            arrays = folder / f"scene{number}.npz"
+            np.savez(arrays, **_arrays(scene, size))
+            pairs.append((arrays, stack.enter_context(beside(path))))
         reasons = []
         for environment, prefix in _ways():
-            reason = _draw(python, arrays, part, environment, prefix, time_limit)
+            reason = _draw(python, pairs, environment, prefix, time_limit)
             if reason is None:
                 break
             reasons.append(reason)
@@ -106,7 +125,10 @@ def write_scene(
             )
 
 
-def _arrays(scene: Scene, size: tuple[int, int]) -> dict[str, np.ndarray]:
+def _arrays(scene: Scene | Chart, size: tuple[int, int]) -> dict[str, np.ndarray]:
+    if isinstance(scene, Chart):
+        values = {**asdict(scene), "edges": scene.edges.tolist(), "counts": scene.counts.tolist()}
+        return {"size": np.array(size), "chart": np.array(json.dumps(values))}
     arrays = {
         "size": np.array(size),
         "skins": np.array(len(scene.skins)),
@@ -114,19 +136,38 @@ def _arrays(scene: Scene, size: tuple[int, int]) -> dict[str, np.ndarray]:
         "direction": scene.direction,
         "up": scene.up,
         "radius": np.array(scene.radius),
+        "labels": np.array([label.point for label in scene.labels]).reshape(-1, 3),
+        "words": np.array(json.dumps(_words(scene))),
     }
     for number, skin in enumerate(scene.skins):
         arrays[f"skin{number}_points"] = skin.points
         arrays[f"skin{number}_triangles"] = skin.triangles
         arrays[f"skin{number}_colour"] = np.array(skin.colour)
         arrays[f"skin{number}_opacity"] = np.array(skin.opacity)
+        arrays[f"skin{number}_lit"] = np.array(skin.lit)
         if skin.normals is not None:
             arrays[f"skin{number}_normals"] = skin.normals
+        if skin.values is not None:
+            arrays[f"skin{number}_values"] = skin.values
     for number, wire in enumerate(scene.wires):
         arrays[f"wire{number}_points"] = wire.points
         arrays[f"wire{number}_colour"] = np.array(wire.colour)
         arrays[f"wire{number}_width"] = np.array(wire.width)
     return arrays
+
+
+def _words(scene: Scene) -> dict[str, Any] | None:
+    """What is written beside the picture, as plain values."""
+    if not scene.written:
+        return None
+    return {
+        "title": scene.title,
+        "lines": list(scene.lines),
+        "bar": None if scene.bar is None else asdict(scene.bar),
+        "labels": [[label.text, list(label.colour)] for label in scene.labels],
+        "legend": [[list(colour), text] for colour, text in scene.legend],
+        "ruler": scene.ruler,
+    }
 
 
 def _ways() -> list[tuple[dict[str, str], list[str]]]:
@@ -142,18 +183,18 @@ def _ways() -> list[tuple[dict[str, str], list[str]]]:
 
 def _draw(
     python: str,
-    arrays: Path,
-    part: Path,
+    pairs: Sequence[tuple[Path, Path]],
     extra: dict[str, str],
     prefix: list[str],
     time_limit: float,
 ) -> str | None:
-    """Draw in a process of its own; the reason where there is no picture afterwards."""
+    """Draw in a process of its own; the reason where a picture is not there afterwards."""
     environment = {**os.environ, **extra}
     root = str(Path(__file__).resolve().parents[2])
     known = environment.get("PYTHONPATH", "")
     environment["PYTHONPATH"] = os.pathsep.join(p for p in (root, known) if p)
-    command = [*prefix, python, "-m", f"{__package__}.render", str(arrays), str(part)]
+    names = [str(path) for pair in pairs for path in pair]
+    command = [*prefix, python, "-m", f"{__package__}.render", *names]
     try:
         done = subprocess.run(
             command,
@@ -167,7 +208,7 @@ def _draw(
         )
     except subprocess.TimeoutExpired:
         return f"no answer within {time_limit:g} s"
-    if done.returncode == 0 and part.read_bytes()[:8] == _PNG:
+    if done.returncode == 0 and all(part.read_bytes()[:8] == _PNG for _, part in pairs):
         return None
     plain = re.sub(r"\x1b\[[0-9;]*m", "", done.stderr)
     lines = [line for line in plain.splitlines() if line.strip()]

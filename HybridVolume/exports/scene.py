@@ -24,23 +24,27 @@ from HybridVolume.core.elements import FACES, shape_functions
 
 if TYPE_CHECKING:
     from HybridVolume.core.hybrid import HybridVolume
+    from HybridVolume.core.surface import PatchSurface
 
 OUTER = (0.84, 0.18, 0.15)
-SIDE = (0.97, 0.70, 0.62)
+SIDES = ((0.97, 0.70, 0.62), (0.93, 0.56, 0.46))
 INNER = (0.24, 0.68, 0.30)
 CORE = (0.80, 0.81, 0.83)
 DARK = (0.10, 0.08, 0.08)
+GLASS = (0.62, 0.70, 0.80)
+EDGE = (0.35, 0.40, 0.47)
 
 SHELL_ENDS, CORE_ENDS = 0.45, 0.70
 """Where along the body the shell and the core are cut, as shares of its length."""
 
 _POINTS = 400_000
 """Roughly how many points a picture may have; fine bodies get coarser patches of colour."""
+_TRIANGLES = 60_000
 
 
 @dataclass(frozen=True)
 class Skin:
-    """Triangles of one colour.
+    """Triangles of one colour, or coloured by values.
 
     Attributes
     ----------
@@ -51,6 +55,10 @@ class Skin:
     colour : (r, g, b)
     opacity : float
         1 hides what is behind.
+    values : (n,) array or None
+        Shown in the colours of the scene's bar, in place of the one colour.
+    lit : bool
+        False shows the plain colours, without light and shade.
     """
 
     points: np.ndarray
@@ -58,6 +66,8 @@ class Skin:
     triangles: np.ndarray
     colour: tuple[float, float, float]
     opacity: float = 1.0
+    values: np.ndarray | None = None
+    lit: bool = True
 
 
 @dataclass(frozen=True)
@@ -70,8 +80,39 @@ class Wire:
 
 
 @dataclass(frozen=True)
+class Bar:
+    """What colours stand for.
+
+    Attributes
+    ----------
+    label : str
+    low, high : float
+        Values at the ends.
+    colours : str
+        Name of a colour map of matplotlib.
+    marks : tuple of (float, str)
+        Values that are marked, and words for them.
+    """
+
+    label: str
+    low: float
+    high: float
+    colours: str = "viridis"
+    marks: tuple[tuple[float, str], ...] = ()
+
+
+@dataclass(frozen=True)
+class Label:
+    """Words at the margin with a line to a place."""
+
+    point: np.ndarray
+    text: str
+    colour: tuple[float, float, float] = (0.1, 0.1, 0.1)
+
+
+@dataclass(frozen=True)
 class Scene:
-    """Skins and wires, and where to look from.
+    """Skins and wires, where to look from, and what is written beside them.
 
     Attributes
     ----------
@@ -82,6 +123,17 @@ class Scene:
     up : (3,) array
     radius : float
         Half of the body's diagonal.
+    title : str
+        In the first line; a scene with a title, a bar, labels, a legend or a ruler is drawn in
+        parallel projection, with room for them.
+    lines : tuple of str
+        Below the title.
+    bar : Bar or None
+    labels : tuple of Label
+    legend : tuple of ((r, g, b), str)
+        Colours and what they show.
+    ruler : bool
+        Whether a length in mm is shown.
     """
 
     skins: tuple[Skin, ...]
@@ -89,11 +141,46 @@ class Scene:
     direction: np.ndarray
     up: np.ndarray
     radius: float
+    title: str = ""
+    lines: tuple[str, ...] = ()
+    bar: Bar | None = None
+    labels: tuple[Label, ...] = ()
+    legend: tuple[tuple[tuple[float, float, float], str], ...] = ()
+    ruler: bool = False
+
+    @property
+    def written(self) -> bool:
+        """Whether anything is written beside the picture."""
+        return bool(self.title or self.bar or self.labels or self.legend or self.ruler)
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Bars over a range.
+
+    Attributes
+    ----------
+    title : str
+    lines : tuple of str
+    edges : (n + 1,) array
+    counts : (n,) array
+    x_label, y_label : str
+    marks : tuple of (float, str)
+        Values that get a line, and words for them.
+    """
+
+    title: str
+    lines: tuple[str, ...]
+    edges: np.ndarray
+    counts: np.ndarray
+    x_label: str
+    y_label: str
+    marks: tuple[tuple[float, str], ...] = ()
 
 
 def cutaway(volume: HybridVolume) -> Scene:
     """The body cut open."""
-    cut = _Cut(volume)
+    cut = Cut(volume)
     skins = [*cut.outer(), *cut.sides(), *cut.inner(), *cut.core()]
     wires = [wire for wire in cut.wires if len(wire.points)]
     axes = np.eye(3)
@@ -109,11 +196,21 @@ def cutaway(volume: HybridVolume) -> Scene:
     )
 
 
-class _Cut:
-    """The cells that stay, and the skins that they show."""
+class Cut:
+    """The cells that stay, and the skins that they show.
 
-    def __init__(self, volume: HybridVolume) -> None:
+    Parameters
+    ----------
+    volume : HybridVolume
+    shell_end, core_end : float
+        Where along the body the shell and the core are cut, as shares of its length.
+    """
+
+    def __init__(
+        self, volume: HybridVolume, shell_end: float = SHELL_ENDS, core_end: float = CORE_ENDS
+    ) -> None:
         self.volume = volume
+        self.core_end = core_end
         shell = self.shell = volume.shell
         surface = shell.surface
         grid = doubled_grid(surface, *interface_lines(surface, "knots", 1))
@@ -126,21 +223,22 @@ class _Cut:
         self.axis = int(np.argmax(length))
         # the shortest direction stands upright: flat bodies lie on their side
         self.across = int(np.argmin(np.where(np.arange(3) == self.axis, np.inf, length)))
-        self.kept = self._along(middle) < SHELL_ENDS
+        self.kept = self.along(middle) < shell_end
         if not self.kept.any() or self.kept.all():
-            self.kept = self._along(middle) <= np.median(self._along(middle))
+            self.kept = self.along(middle) <= np.median(self.along(middle))
         self.steps = int(np.clip(np.sqrt(_POINTS / max(1, len(self.cells))), 2, 20))
         self.wires: list[Wire] = []
 
-    def _along(self, points: np.ndarray) -> np.ndarray:
+    def along(self, points: np.ndarray) -> np.ndarray:
+        """Where points are along the body, as shares of its length."""
         return (points[..., self.axis] - self.low[self.axis]) / (self.high - self.low)[self.axis]
 
     def outer(self) -> list[Skin]:
         """Outer faces of the kept shell, with patch boundaries and knot lines."""
         kept = np.flatnonzero(self.kept)
-        x, normals = self._lattice(self.shell.surface, kept)
+        x, normals = self.lattice(self.shell.surface, kept)
         self._outline(x, kept)
-        return [_quads(x, normals, OUTER)]
+        return [quads(x, normals, OUTER)]
 
     def inner(self) -> list[Skin]:
         """The core's boundary where the shell is away and the core stays."""
@@ -182,8 +280,11 @@ class _Cut:
         self.wires.append(Wire(x[-1, -1], edge, 2.0))
         ends = np.moveaxis(x[..., [0, -1], :], 1, 3)
         self.wires.append(Wire(ends.reshape(-1, levels + 1, 3), edge, 2.0))
-        faces = np.moveaxis(x, 2, 1).reshape(-1, levels + 1, len(t), 3)
-        return [_quads(faces, None, SIDE)]
+        # one layer is told from the next by its tint
+        return [
+            quads(np.moveaxis(layer, 1, 0), None, SIDES[number % len(SIDES)])
+            for number, layer in enumerate(x)
+        ]
 
     def core(self) -> list[Skin]:
         """Faces of the kept tets that the cut laid open."""
@@ -213,7 +314,7 @@ class _Cut:
 
     def _kept_tets(self) -> np.ndarray:
         fem = self.volume.fem
-        return self._along(fem.nodes[fem.tets[:, :4]].mean(axis=1)) < CORE_ENDS
+        return self.along(fem.nodes[fem.tets[:, :4]].mean(axis=1)) < self.core_end
 
     def _under_kept_tets(self) -> np.ndarray:
         """Whether the tet under each interface triangle stays, (m,)."""
@@ -255,7 +356,7 @@ class _Cut:
         self.wires.append(Wire(np.concatenate(thin), (0.05, 0.36, 0.12), 1.6))
         self.wires.append(Wire(np.concatenate(thick), (0.02, 0.20, 0.05), 3.2))
 
-    def _lattice(self, surface, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def lattice(self, surface, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Points and normals of cells, (nc, steps + 1, steps + 1, 3)."""
         t = np.linspace(0.0, 1.0, self.steps + 1)
         low, high = self.uv[cells, 0, 0], self.uv[cells, 2, 2]
@@ -291,7 +392,26 @@ class _Cut:
         self.wires.append(Wire(thick, DARK, 4.0))
 
 
-def _quads(x: np.ndarray, normals: np.ndarray | None, colour: tuple[float, float, float]) -> Skin:
+def glass(surface: PatchSurface) -> Skin:
+    """The body as glass."""
+    cells = int(np.clip(np.sqrt(_TRIANGLES / (2 * surface.element_count)), 1, 16))
+    mesh = surface.triangulation(cells)
+    return Skin(mesh.vertices, None, mesh.triangles, GLASS, 0.16)
+
+
+def outline(surface: PatchSurface) -> Wire:
+    """Sides of all patches."""
+    t = np.linspace(0.0, 1.0, 33)
+    zero, one = np.zeros(33), np.ones(33)
+    lines = [
+        surface.evaluate(k, u, v)
+        for k in range(len(surface.patches))
+        for u, v in ((zero, t), (one, t), (t, zero), (t, one))
+    ]
+    return Wire(np.array(lines), EDGE, 1.2)
+
+
+def quads(x: np.ndarray, normals: np.ndarray | None, colour: tuple[float, float, float]) -> Skin:
     """Triangles over (m, a, b, 3) lattices."""
     m, a, b = x.shape[:3]
     corner = (np.arange(a - 1)[:, None] * b + np.arange(b - 1)).ravel()

@@ -8,10 +8,8 @@ import numpy as np
 
 from HybridVolume.core.midstructure import Midstructure
 from HybridVolume.core.surface import PatchSurface
-from HybridVolume.exports.scene import Scene, Skin, Wire
+from HybridVolume.exports.scene import Scene, Skin, Wire, glass, outline
 
-GLASS = (0.62, 0.70, 0.80)
-EDGE = (0.35, 0.40, 0.47)
 REMOVED = (0.62, 0.62, 0.62)
 COLOURS = (
     (0.85, 0.22, 0.16), (0.16, 0.45, 0.80), (0.20, 0.63, 0.28), (0.95, 0.60, 0.10),
@@ -26,7 +24,6 @@ _FLAT = 0.02
 _LINE = 0.01
 # Size of a point, as a share of the body's diagonal.
 _POINT = 0.02
-_TRIANGLES = 60_000
 
 
 def inside(surface: PatchSurface, midstructure: Midstructure) -> Scene:
@@ -37,8 +34,8 @@ def inside(surface: PatchSurface, midstructure: Midstructure) -> Scene:
     surface : PatchSurface
     midstructure : Midstructure
     """
-    skins = [_glass(surface)]
-    wires = [_edges(surface)]
+    skins = [glass(surface)]
+    wires = [outline(surface)]
     size = surface.diagonal
     kept_sheets = [k for k, sheet in enumerate(midstructure.sheets) if sheet.kept]
     for place, k in enumerate(kept_sheets):
@@ -62,24 +59,6 @@ def inside(surface: PatchSurface, midstructure: Midstructure) -> Scene:
         up,
         0.5 * float(np.linalg.norm(high - low)),
     )
-
-
-def _glass(surface: PatchSurface) -> Skin:
-    cells = int(np.clip(np.sqrt(_TRIANGLES / (2 * surface.element_count)), 1, 16))
-    mesh = surface.triangulation(cells)
-    return Skin(mesh.vertices, None, mesh.triangles, GLASS, 0.16)
-
-
-def _edges(surface: PatchSurface) -> Wire:
-    """Sides of all patches."""
-    t = np.linspace(0.0, 1.0, 33)
-    zero, one = np.zeros(33), np.ones(33)
-    lines = [
-        surface.evaluate(k, u, v)
-        for k in range(len(surface.patches))
-        for u, v in ((zero, t), (one, t), (t, zero), (t, one))
-    ]
-    return Wire(np.array(lines), EDGE, 1.2)
 
 
 def _sheet(

@@ -14,6 +14,7 @@ import json
 import logging
 import sys
 import time
+import traceback
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -252,6 +253,16 @@ def failed(error: HybridVolumeError) -> dict[str, Any]:
     }
 
 
+def _told(fault: Exception) -> HybridVolumeError:
+    """A fault of ours is a row as well: one case must not hide the others."""
+    if isinstance(fault, HybridVolumeError):
+        return fault
+    logger.exception("a fault")
+    where = traceback.extract_tb(fault.__traceback__)[-1]
+    text = f"{type(fault).__name__} in {Path(where.filename).name}:{where.lineno}: {fault}"
+    return FaultError(text.replace("\n", " "))
+
+
 def work(folder: Path, channel: Channel) -> None:
     """All cases of the job; what cannot be made is a case with an error."""
     task = json.loads((folder / job.OPTIONS_FILE).read_text(encoding="utf-8"))
@@ -265,10 +276,10 @@ def work(folder: Path, channel: Channel) -> None:
         made = bench.figures()
         bench.prepare()
         made.update(bench.prepared())
-    except HybridVolumeError as error:
+    except Exception as fault:
+        values = {**failed(_told(fault)), "seconds": time.perf_counter() - started}
         for name, asked in options["asked"].items():
-            values = {**failed(error), "seconds": time.perf_counter() - started}
-            write_case(cases, name, {**head, **asked, **made, **values, "error": error.to_dict()})
+            write_case(cases, name, {**head, **asked, **made, **values})
         return
     kinds = {
         "shell": lambda asked: bench.shell(asked["w0_asked"]),
@@ -279,8 +290,8 @@ def work(folder: Path, channel: Channel) -> None:
         started = time.perf_counter()
         try:
             values = kinds[asked["kind"]](asked)
-        except HybridVolumeError as error:
-            values = {**failed(error), "bound": made["bound"]}
+        except Exception as fault:
+            values = {**failed(_told(fault)), "bound": made["bound"]}
             values["seconds"] = time.perf_counter() - started
         write_case(cases, name, {**head, **asked, **made, **values})
         channel.send(stage="case", fraction=0.0, text=name)
