@@ -41,6 +41,8 @@ NAMED_SHEETS = 10
 """Sheets, the largest, that an error about a decision names."""
 
 Progress = Callable[[str, float, str], None]
+Observe = Callable[[str, Any], None]
+"""Gets what a stage has made that the hybrid volume does not hold: ``"field"``."""
 Own = tuple[np.ndarray, np.ndarray]
 """Geometry of the user's: vertices (m, 3), mm, and facets (f, 3), see `Midstructure.facets`."""
 
@@ -180,6 +182,7 @@ def complete(
     options: Options | None = None,
     progress: Progress | None = None,
     own: Own | None = None,
+    observe: Observe | None = None,
 ) -> HybridVolume:
     """Complete the volume of a closed surface.
 
@@ -192,6 +195,9 @@ def complete(
         Called with the stage, the share of the whole work that is done, and a text.
     own : (vertices, facets), optional
         Geometry for the midstructure ``own``.
+    observe : callable, optional
+        Called with ``"field"`` and the `HarmonicField` when it is there: pictures need it, the
+        result does not keep it.
 
     Returns
     -------
@@ -210,6 +216,8 @@ def complete(
     stage = midstructure_stage(surface, options, report, own)
     body = stage.surface
     field = field_stage(stage, options, report)
+    if observe:
+        observe("field", field)
     report("shell", 0.3, f"{len(field.mesh.tets)} tetrahedra in the field; front")
     across = {
         "layers": options.layers,
