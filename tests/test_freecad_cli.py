@@ -268,7 +268,8 @@ def test_document(completed):
     doc = FreeCAD.openDocument(str(out / "box.FCStd"), hidden=True)
     try:
         names = {obj.Name for obj in doc.Objects}
-        assert names == {"Body", "HybridVolume", "Midstructure", "Shell", "Core", "FemMesh"}
+        parts = {"Midstructure", "Shell", "InnerBoundary", "Core", "FemMesh"}
+        assert names == {"Body", "HybridVolume", *parts}
         volume, mesh = doc.HybridVolume, doc.FemMesh.FemMesh
         assert volume.Status == "Up to date" and doc.FemMesh.Shape is doc.Body
         assert doc.Body.Shape.Volume == pytest.approx(6.0)

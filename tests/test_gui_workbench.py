@@ -17,13 +17,14 @@ def python():
     return worker_python()
 
 
-PARTS = ["Midstructure", "Shell", "Core", "FemMesh"]
+PARTS = ["Midstructure", "Shell", "InnerBoundary", "Core", "FemMesh"]
 ALL = sorted(["Box", "HybridVolume", *PARTS])
 LOOKS = {
     "Box": False,
     "HybridVolume": True,
     "Midstructure": False,
     "Shell": True,
+    "InnerBoundary": False,
     "Core": True,
     "FemMesh": False,
 }
@@ -32,7 +33,9 @@ LOOKS = {
 def test_complete_a_box(tmp_path, python):
     found = play("gui_scenarios.complete_a_box", tmp_path, HYBRIDVOLUME_PYTHON=python)
     assert "HybridVolumeWorkbench" in found["workbenches"]
-    assert found["toolbar"] == ["HybridVolume_Create"]
+    assert found["toolbar"] == [
+        f"HybridVolume_{name}" for name in ("Create", "Quality", "ClearRed")
+    ]
     assert not found["active without selection"] and found["active with a body"]
     assert found["enabled while running"] == [False, True]
     assert found["longest pause while running"] < 1.0

@@ -15,7 +15,9 @@ import HybridVolume
 from HybridVolume.errors import HybridVolumeError
 
 CREATE = "HybridVolume_Create"
-NAMES = [CREATE]
+QUALITY = "HybridVolume_Quality"
+CLEAR = "HybridVolume_ClearRed"
+NAMES = [CREATE, QUALITY, CLEAR]
 
 
 class CreateCommand:
@@ -41,6 +43,103 @@ class CreateCommand:
     def Activated(self) -> None:
         """Open the panel."""
         open_soon(FreeCADGui.Selection.getSelection()[0])
+
+
+class QualityCommand:
+    """Opens the quality panel of a computed volume, by the volume, a part of it or its body."""
+
+    def GetResources(self) -> dict[str, str]:
+        """Return icon and texts."""
+        return {
+            "Pixmap": QUALITY,
+            "MenuText": QT_TRANSLATE_NOOP(QUALITY, "Quality"),
+            "ToolTip": QT_TRANSLATE_NOOP(
+                QUALITY,
+                "Look at a completed volume: cut it open, see its layers and its worst elements, "
+                "and what thickness was reached",
+            ),
+        }
+
+    def IsActive(self) -> bool:
+        """Tell whether a result is meant and no panel is open."""
+        return not FreeCADGui.Control.activeDialog() and computed_volume() is not None
+
+    def Activated(self) -> None:
+        """Open the panel."""
+        open_quality_soon(computed_volume())
+
+
+class ClearCommand:
+    """Shows a refused body as it was."""
+
+    def GetResources(self) -> dict[str, str]:
+        """Return icon and texts."""
+        return {
+            "Pixmap": CLEAR,
+            "MenuText": QT_TRANSLATE_NOOP(CLEAR, "Clear the red places"),
+            "ToolTip": QT_TRANSLATE_NOOP(
+                CLEAR, "Show the body as it was, without the places for which it was refused"
+            ),
+        }
+
+    def IsActive(self) -> bool:
+        """Tell whether there are red places."""
+        from . import red_places
+
+        return red_places.shown() is not None
+
+    def Activated(self) -> None:
+        """Clear them."""
+        from . import red_places
+
+        red_places.clear()
+
+
+def computed_volume() -> Any | None:
+    """The volume with a result that is selected, itself, by a part or by its body, or the only one.
+
+    Several volumes of the selected body count as none.
+    """
+    doc = FreeCAD.ActiveDocument
+    if doc is None:
+        return None
+    selected = FreeCADGui.Selection.getSelection()
+    if len(selected) > 1:
+        return None
+    volumes = [
+        obj for obj in doc.findObjects("App::FeaturePython") if is_volume(obj) and obj.Result
+    ]
+    if selected:
+        (one,) = selected
+        volumes = [obj for obj in volumes if one is obj or one in obj.OutList]
+    return volumes[0] if len(volumes) == 1 else None
+
+
+def open_quality_soon(volume: Any, *, inner: bool = False) -> None:
+    """Show the quality panel of a volume as soon as FreeCAD is idle.
+
+    Parameters
+    ----------
+    volume : App.DocumentObject
+    inner : bool
+        Begin with the inner boundary alone.
+    """
+    document, name = volume.Document.Name, volume.Name
+    QtCore.QTimer.singleShot(0, lambda: open_quality_panel(document, name, inner=inner))
+
+
+def open_quality_panel(document: str, name: str, *, inner: bool = False) -> Any | None:
+    """Show the quality panel of a volume; None where there is no result, which is then told."""
+    from . import messages, red_places
+    from .quality_panel import QualityPanel
+
+    volume = FreeCAD.getDocument(document).getObject(name)
+    red_places.clear()
+    try:
+        return _show(QualityPanel(volume, inner=inner))
+    except HybridVolumeError as error:
+        messages.show_error(error, volume.Source)
+        return None
 
 
 def open_soon(obj: Any) -> None:
@@ -190,5 +289,7 @@ def register() -> list[str]:
     # FreeCAD begins the macro of a command with an import of the file that made the command known,
     # by its bare name. "import commands" would fail; "import HybridVolume" is what is needed.
     line = compile("add(name, command)", f"{HybridVolume.__name__}.py", "exec")
-    exec(line, {"add": FreeCADGui.addCommand, "name": CREATE, "command": CreateCommand()})
+    commands = (CreateCommand(), QualityCommand(), ClearCommand())
+    for name, command in zip(NAMES, commands, strict=True):
+        exec(line, {"add": FreeCADGui.addCommand, "name": name, "command": command})
     return NAMES

@@ -11,11 +11,13 @@ from PySide import QtCore, QtGui
 
 from HybridVolume.errors import HybridVolumeError
 
+from . import red_places
+
 TITLE = "HybridVolume"
 
 
 def show_error(error: HybridVolumeError, source: Any, log: str = "") -> Any:
-    """Show an error beside the living window, and select the faces that it names.
+    """Show an error beside the living window, its places in red, and select the faces it names.
 
     Parameters
     ----------
@@ -40,6 +42,7 @@ def show_error(error: HybridVolumeError, source: Any, log: str = "") -> Any:
     box.setStandardButtons(QtGui.QMessageBox.Ok)
     box.open()
     _select(error.faces, source)
+    red_places.show(source, error)
     return box
 
 

@@ -18,6 +18,7 @@ from HybridVolume.objects import midstructure as objects
 from HybridVolume.sources import global_shape
 
 from . import messages, preferences
+from .clip import ClipControls
 from .dock import WideDock
 from .macro import Macro
 from .picking import (
@@ -34,8 +35,6 @@ from .sheets_view import sheet_name
 from .stage import Stage
 from .undo import UndoMark
 from .work import is_deleted
-
-AXES = (("x", (1.0, 0.0, 0.0)), ("y", (0.0, 1.0, 0.0)), ("z", (0.0, 0.0, 1.0)), ("view", None))
 
 WIDTH = 460
 """Of the dock, in pixels: the table shows all but the end of its last column."""
@@ -86,6 +85,7 @@ class MidstructurePanel:
         )
         self._fill_form()
         self._stage = self._make_stage()
+        self._clip = ClipControls(self.form, self._looking, self._stage.cut)
         self._dock = WideDock(self.form, WIDTH)
         self._picking = SheetPicking(
             self._obj, self._click_sheet, self._selection_changed, self._hover
@@ -186,10 +186,6 @@ class MidstructurePanel:
         form.box.toggled.connect(self._toggle_box)
         form.forget.clicked.connect(self._forget)
         form.exact.clicked.connect(self._compute_thickness)
-        form.clipAxis.addItems([name for name, _ in AXES])
-        form.clip.toggled.connect(lambda *_: self._cut())
-        form.clipAxis.activated.connect(lambda *_: self._cut(turn=True))
-        form.clipSlider.valueChanged.connect(lambda *_: self._cut())
         form.warning.hide()
         form.warning.setStyleSheet("color: #d9480f; font-weight: bold;")
 
@@ -412,19 +408,9 @@ class MidstructurePanel:
 
     # The view.
 
-    def _cut(self, *, turn: bool = False) -> None:
-        form = self.form
-        if turn and not form.clip.isChecked():
-            form.clip.setChecked(True)  # comes back here
-            return
-        if not form.clip.isChecked():
-            self._stage.cut(None)
-            return
-        direction = AXES[form.clipAxis.currentIndex()][1]
-        if direction is None:
-            view = FreeCADGui.getDocument(self._document).activeView()
-            direction = tuple(view.getViewDirection())
-        self._stage.cut(direction, form.clipSlider.value() / form.clipSlider.maximum())
+    def _looking(self) -> tuple[float, float, float]:
+        view = FreeCADGui.getDocument(self._document).activeView()
+        return tuple(view.getViewDirection())
 
 
 def _count(number: int, noun: str) -> str:

@@ -16,6 +16,9 @@ import FreeCAD
 import numpy as np
 from pivy import coin
 
+from .clip import ClipNode
+from .coin_nodes import closed_rows, fill, line_style, switch, turn, two_sided, unlit
+
 if TYPE_CHECKING:
     from HybridVolume.core.midstructure import Midstructure
 
@@ -28,7 +31,6 @@ SLIGHT = 0.004
 
 _SHEET = re.compile(r"Sheet[1-9][0-9]*")
 _GOLDEN = 0.6180339887498949
-_ON, _OFF = coin.SO_SWITCH_ALL, coin.SO_SWITCH_NONE
 
 
 def sheet_name(number: int) -> str:
@@ -65,22 +67,19 @@ class SheetsScene:
         self.root = coin.SoSeparator()
         # what is drawn changes often: no cache around it all
         self.root.renderCaching = coin.SoSeparator.OFF
-        self._clip = coin.SoClipPlane()
-        self._clip.on = False
+        self.clip = ClipNode()
         self._points = coin.SoCoordinate3()
         self._normals = coin.SoNormal()
         binding = coin.SoNormalBinding()
         binding.value = coin.SoNormalBinding.PER_VERTEX_INDEXED
-        hints = coin.SoShapeHints()
-        hints.vertexOrdering = coin.SoShapeHints.COUNTERCLOCKWISE  # lit from both sides
         self._kept = coin.SoGroup()
         self._removed = coin.SoGroup()
         self._all = coin.SoSeparator()
         self._all.renderCaching = coin.SoSeparator.OFF
-        parts = (hints, self._points, self._normals, binding, self._kept, self._removed)
+        parts = (two_sided(), self._points, self._normals, binding, self._kept, self._removed)
         for node in parts:
             self._all.addChild(node)
-        self.root.addChild(self._clip)
+        self.root.addChild(self.clip.node)
         self.root.addChild(self._all)
         self._source: Midstructure | None = None
         self.sheets: list[_SheetNodes] = []
@@ -110,20 +109,6 @@ class SheetsScene:
         changed = {self._hovered, number} - {None}
         self._hovered = number
         self._colour(changed)
-
-    def clip(self, normal: np.ndarray | None, distance: float = 0.0) -> None:
-        """Cut away what lies before a plane; None shows everything.
-
-        Parameters
-        ----------
-        normal : (3,) array, optional
-            Points x with ``normal . x > distance`` stay.
-        distance : float
-            mm.
-        """
-        self._clip.on = normal is not None
-        if normal is not None:
-            self._clip.plane = coin.SbPlane(coin.SbVec3f(*map(float, normal)), float(distance))
 
     def picked(self, point: Any) -> str:
         """Name of the sheet that a picked point (SoPickedPoint) lies on; "" for none."""
@@ -157,8 +142,8 @@ class SheetsScene:
         self._clear()
         facets = midstructure.facets
         vertex, normals, places = _smooth_normals(midstructure.vertices, facets, midstructure.sheet)
-        _set(self._points.point, midstructure.vertices[vertex].tolist())
-        _set(self._normals.vector, normals.tolist())
+        fill(self._points.point, midstructure.vertices[vertex].tolist())
+        fill(self._normals.vector, normals.tolist())
         order = np.argsort(midstructure.sheet, kind="stable")
         bounds = np.searchsorted(midstructure.sheet[order], np.arange(len(midstructure.sheets) + 1))
         slight = SLIGHT * sum(sheet.area for sheet in midstructure.sheets)
@@ -201,14 +186,10 @@ class _SheetNodes:
         self.kept = self._part(
             coin.SoPickStyle.SHAPE_ON_TOP, self._kept_material, *self._kept_shape.nodes
         )
-        style = coin.SoDrawStyle()
-        style.lineWidth = 1.0
-        unlit = coin.SoLightModel()
-        unlit.model = coin.SoLightModel.BASE_COLOR
         self.removed = self._part(
             coin.SoPickStyle.SHAPE,
             *(self._fill_material, *self._fill.nodes),
-            *(unlit, self._line_material, style, self._outline),
+            *(unlit(), self._line_material, line_style(1.0), self._outline),
         )
 
     def _part(self, pick: int, *nodes: Any) -> Any:
@@ -216,11 +197,7 @@ class _SheetNodes:
         part.setName(sheet_name(self.number))
         style = coin.SoPickStyle()
         style.style = pick
-        switch = coin.SoSwitch()
-        switch.whichChild = _OFF
-        for node in (style, *nodes):
-            switch.addChild(node)
-        part.addChild(switch)
+        part.addChild(switch(style, *nodes, on=False))
         return part
 
     def show(self, kept: np.ndarray) -> None:
@@ -230,17 +207,17 @@ class _SheetNodes:
             return
         self._shown = mine
         self.any_kept = bool(mine.any())
-        self.kept.getChild(0).whichChild = _ON if self.any_kept else _OFF
+        turn(self.kept.getChild(0), self.any_kept)
         if self.any_kept:
             self._kept_shape.show(self._places, self._kind, mine)
         # the rest of a kept sheet, a rim near the faces, is not drawn: it can only be kept as whole
         drawn = not self.slight and not self.any_kept
-        self.removed.getChild(0).whichChild = _ON if drawn else _OFF
+        turn(self.removed.getChild(0), drawn)
         if drawn and not self._removed_is_drawn:
             self._removed_is_drawn = True
             self._fill.show(self._places, self._kind, np.ones(len(mine), dtype=bool))
             solid = self._kind == 3
-            _set(self._outline.coordIndex, _outline(self._corners[solid], self._places[solid]))
+            fill(self._outline.coordIndex, _outline(self._corners[solid], self._places[solid]))
 
     def colour(self, marked: tuple[float, float, float] | None) -> None:
         """Draw in the sheet's own colour, or in another one."""
@@ -264,24 +241,12 @@ class _Shape:
 
     def show(self, places: np.ndarray, kind: np.ndarray, use: np.ndarray) -> None:
         """Draw the facets ``use``; ``kind`` is their number of corners that differ."""
-        _set(self._triangles.coordIndex, _index(places[use & (kind == 3)]))
+        fill(self._triangles.coordIndex, closed_rows(places[use & (kind == 3)]))
         lines = places[use & (kind == 2)]
         # (a, b, b), (a, a, b) and (a, b, a) are one line
         second = np.where(lines[:, 0] == lines[:, 1], lines[:, 2], lines[:, 1])
-        _set(self._lines.coordIndex, _index(np.column_stack([lines[:, 0], second])))
-        _set(self._points.coordIndex, places[use & (kind == 1)][:, 0].tolist())
-
-
-def _set(field: Any, values: list) -> None:
-    """Give a field of many values just these."""
-    field.setNum(len(values))
-    if values:
-        field.setValues(0, len(values), values)
-
-
-def _index(rows: np.ndarray) -> list[int]:
-    """Indices row by row, each row closed by -1 as Coin wants them."""
-    return np.hstack([rows, np.full((len(rows), 1), -1)]).ravel().tolist()
+        fill(self._lines.coordIndex, closed_rows(np.column_stack([lines[:, 0], second])))
+        fill(self._points.coordIndex, places[use & (kind == 1)][:, 0].tolist())
 
 
 def _outline(triangles: np.ndarray, places: np.ndarray) -> list[int]:
@@ -297,7 +262,7 @@ def _outline(triangles: np.ndarray, places: np.ndarray) -> list[int]:
     sides = np.sort(triangles[:, along].reshape(-1, 2), axis=1).astype(np.int64)
     key = sides[:, 0] * (sides.max(initial=0) + 1) + sides[:, 1]
     _, first, count = np.unique(key, return_index=True, return_counts=True)
-    return _index(places[:, along].reshape(-1, 2)[first[count == 1]])
+    return closed_rows(places[:, along].reshape(-1, 2)[first[count == 1]])
 
 
 def _smooth_normals(

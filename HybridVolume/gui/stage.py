@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""The 3D view while the midstructure is worked on: its sheets, and the body as glass around them.
+"""The 3D view while a panel works on it: what is hidden, what is added, the body as glass.
 
 Only nodes of the scene are changed and put back, never a property: a document that is saved
 meanwhile, its Undo and its view settings do not notice.
@@ -11,8 +11,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
+import FreeCADGui
 import numpy as np
 from pivy import coin
+
+from .clip import plane_across
+from .coin_nodes import look, opaque_nothing, separator, two_sided, unlit, unpickable
 
 if TYPE_CHECKING:
     from .sheets_view import SheetsScene
@@ -25,8 +29,59 @@ DEVIATION = 0.002
 """Of the glass from the body, as a share of its diagonal."""
 
 
+class Hidden:
+    """Objects that are drawn otherwise than their properties say, until :meth:`close`."""
+
+    def __init__(self) -> None:
+        self._switches: list[tuple[Any, int, int]] = []
+
+    def hide(self, obj: Any) -> None:
+        """Draw nothing of an object."""
+        self.turn(obj, coin.SO_SWITCH_NONE)
+
+    def turn(self, obj: Any, child: int) -> None:
+        """Draw one display mode of an object, by its place below the object's switch."""
+        switch = obj.ViewObject.SwitchNode
+        before = switch.whichChild.getValue()
+        # the node itself is kept, not the object: that may be deleted before the stage closes
+        self._switches.append((switch, before, child))
+        switch.whichChild = child
+
+    def close(self) -> None:
+        """Put everything back; what was turned on or off otherwise meanwhile stays so."""
+        for switch, before, after in reversed(self._switches):
+            if switch.whichChild.getValue() == after:
+                switch.whichChild = before
+        self._switches = []
+
+
+class Added:
+    """A node in every 3D view of a document, in global coordinates, until :meth:`close`.
+
+    Parameters
+    ----------
+    document : str
+    node : SoNode
+    """
+
+    def __init__(self, document: str, node: Any) -> None:
+        self._node = node
+        views = FreeCADGui.getDocument(document).mdiViewsOfType("Gui::View3DInventor")
+        self._roots = [view.getSceneGraph() for view in views]
+        for root in self._roots:
+            root.addChild(node)
+
+    def close(self) -> None:
+        """Take the node away."""
+        for root in self._roots:
+            place = root.findChild(self._node)
+            if place >= 0:
+                root.removeChild(place)
+        self._roots = []
+
+
 class Stage:
-    """Shows the sheets and the glass, hides other objects, until :meth:`close`.
+    """Shows the sheets of a midstructure and the glass, hides other objects, until :meth:`close`.
 
     Parameters
     ----------
@@ -44,20 +99,13 @@ class Stage:
     ) -> None:
         self._scene = scene
         self._shape = shape
-        self._switches: list[tuple[Any, int, int]] = []
+        self._hidden = Hidden()
         for obj in hidden:
-            self._turn(obj, coin.SO_SWITCH_NONE)
+            self._hidden.hide(obj)
         switch = midstructure.ViewObject.SwitchNode
-        self._turn(midstructure, switch.findChild(scene.root))
+        self._hidden.turn(midstructure, switch.findChild(scene.root))
         self._glass = glass(shape) if shape is not None else coin.SoSeparator()
         scene.root.addChild(self._glass)
-
-    def _turn(self, obj: Any, child: int) -> None:
-        switch = obj.ViewObject.SwitchNode
-        before = switch.whichChild.getValue()
-        # the node itself is kept, not the object: that may be deleted before the stage closes
-        self._switches.append((switch, before, child))
-        switch.whichChild = child
 
     def cut(self, direction: tuple[float, float, float] | None, share: float = 0.5) -> None:
         """Cut the view open; None shows everything.
@@ -70,24 +118,20 @@ class Stage:
             How much of the body, along the direction, in [0, 1].
         """
         if direction is None or self._shape is None:
-            self._scene.clip(None)
+            self._scene.clip.set(None)
             return
-        normal = np.array(direction) / np.linalg.norm(direction)
         box = self._shape.BoundBox
-        along = [normal @ (x, y, z) for x in (box.XMin, box.XMax)
-                 for y in (box.YMin, box.YMax) for z in (box.ZMin, box.ZMax)]  # fmt: skip
-        self._scene.clip(normal, (1.0 - share) * min(along) + share * max(along))
+        low = np.array([box.XMin, box.YMin, box.ZMin])
+        high = np.array([box.XMax, box.YMax, box.ZMax])
+        self._scene.clip.set(*plane_across(low, high, direction, share))
 
     def close(self) -> None:
         """Put everything back; what was turned on or off otherwise meanwhile stays so."""
-        self._scene.clip(None)
+        self._scene.clip.set(None)
         place = self._scene.root.findChild(self._glass)
         if place >= 0:
             self._scene.root.removeChild(place)
-        for switch, before, after in self._switches:
-            if switch.whichChild.getValue() == after:
-                switch.whichChild = before
-        self._switches = []
+        self._hidden.close()
 
 
 def glass(shape: Any) -> Any:
@@ -95,51 +139,20 @@ def glass(shape: Any) -> Any:
     deviation = DEVIATION * shape.BoundBox.DiagonalLength
     # tessellate stores its triangles in the shape: the document's own must not get coarser
     points, triangles = shape.copy().tessellate(deviation)
-    root = coin.SoSeparator()
-    root.renderCaching = coin.SoSeparator.OFF
-    style = coin.SoPickStyle()
-    style.style = coin.SoPickStyle.UNPICKABLE
-    material = coin.SoMaterial()
-    material.diffuseColor = GLASS_COLOUR
-    material.transparency = GLASS_TRANSPARENCY
-    hints = coin.SoShapeHints()
-    hints.vertexOrdering = coin.SoShapeHints.COUNTERCLOCKWISE
-    hints.creaseAngle = 0.6
     faces = coin.SoIndexedFaceSet()
     coordinates = coin.SoCoordinate3()
     coordinates.point.setValues(0, len(points), [tuple(p) for p in points])
     index = np.column_stack([np.array(triangles).reshape(-1, 3), np.full(len(triangles), -1)])
     faces.coordIndex.setValues(0, index.size, index.ravel().tolist())
-    nothing = _opaque_nothing(shape.BoundBox.Center)
-    for node in (style, nothing, material, hints, coordinates, faces):
-        root.addChild(node)
-    root.addChild(_edges(shape, deviation))
-    return root
-
-
-def _opaque_nothing(place: Any) -> Any:
-    """A triangle without area.
-
-    Where nothing opaque is drawn before, Coin takes blending for switched on, which FreeCAD's
-    background switches off behind its back: glass would not be transparent.
-    """
-    root = coin.SoSeparator()
-    coordinates = coin.SoCoordinate3()
-    coordinates.point.setValues(0, 3, [tuple(place)] * 3)
-    triangle = coin.SoIndexedFaceSet()
-    triangle.coordIndex.setValues(0, 4, [0, 1, 2, -1])
-    for node in (coin.SoMaterial(), coordinates, triangle):
-        root.addChild(node)
-    return root
+    return separator(
+        unpickable(),
+        opaque_nothing(shape.BoundBox.Center),
+        *(look(GLASS_COLOUR, GLASS_TRANSPARENCY), two_sided(0.6), coordinates, faces),
+        _edges(shape, deviation),
+    )
 
 
 def _edges(shape: Any, deviation: float) -> Any:
-    root = coin.SoSeparator()
-    unlit = coin.SoLightModel()
-    unlit.model = coin.SoLightModel.BASE_COLOR
-    material = coin.SoMaterial()
-    material.diffuseColor = EDGE_COLOUR
-    material.transparency = EDGE_TRANSPARENCY
     points: list[tuple[float, float, float]] = []
     counts: list[int] = []
     for edge in shape.Edges:
@@ -152,6 +165,5 @@ def _edges(shape: Any, deviation: float) -> Any:
     if counts:
         coordinates.point.setValues(0, len(points), points)
         lines.numVertices.setValues(0, len(counts), counts)
-    for node in (unlit, material, coordinates, *([lines] if counts else [])):
-        root.addChild(node)
-    return root
+    shown = (coordinates, lines) if counts else ()
+    return separator(unlit(), look(EDGE_COLOUR, EDGE_TRANSPARENCY), *shown)

@@ -76,6 +76,12 @@ class VolumeView(ViewProvider):
         parts = (getattr(self.Object, name, None) for name in (*CHILDREN, "AnalysisBody"))
         return [part for part in parts if part is not None]
 
+    def updateData(self, obj: Any, name: str) -> None:
+        """Let the inner boundary follow the result."""
+        inner = getattr(obj, "InnerBoundary", None)
+        if name == "Result" and inner is not None and inner.ViewObject.Proxy:
+            inner.ViewObject.Proxy.outdate(inner)
+
     def doubleClicked(self, view: Any) -> bool:
         """Open the panel."""
         from . import commands
@@ -146,10 +152,19 @@ def traffic_light(quality: float) -> tuple[float, float, float]:
 
 
 class ShellView(PartView):
-    """The shell's mesh."""
+    """The shell's mesh; a double click tells its quality."""
 
     ICON = "HybridVolume_Shell"
     COLOUR = (0.93, 0.27, 0.24)
+
+    def doubleClicked(self, view: Any) -> bool:
+        """Open the quality panel of the volume."""
+        from . import commands
+
+        volume = next((one for one in view.Object.InList if commands.is_volume(one)), None)
+        if volume is not None and not FreeCADGui.Control.activeDialog():
+            commands.open_quality_soon(volume)
+        return True
 
 
 class CoreView(PartView):
@@ -271,6 +286,112 @@ class MidstructureView(ViewProvider):
         return mode
 
 
+class InnerBoundaryView(ViewProvider):
+    """The inner boundary, coloured by what was reached; drawn from the volume's stored result.
+
+    Attributes
+    ----------
+    scene : InnerScene
+    """
+
+    ICON = "HybridVolume_InnerBoundary"
+    COLOURINGS = {
+        "Reached / asked": "share",
+        "Level": "level",
+        "Thickness": "thickness",
+        "Part": "part",
+    }
+
+    def __init__(self, view: Any) -> None:
+        super().__init__(view)
+        view.addProperty(
+            "App::PropertyEnumeration",
+            "ColourBy",
+            "HybridVolume",
+            "What was reached of the level that was asked, the level itself, the thickness in mm, "
+            "or one colour.",
+        )
+        view.ColourBy = list(self.COLOURINGS)
+        view.addProperty(
+            "App::PropertyBool", "Legend", "HybridVolume", "Show what the colours mean."
+        )
+        view.Legend = True
+
+    def attach(self, view: Any) -> None:
+        """Build the scene; it is filled when it is to be seen."""
+        from .result_view import InnerScene
+
+        super().attach(view)
+        self.scene = InnerScene()
+        self._outdated = True
+        self._waiting = False
+        view.addDisplayMode(self.scene.root, "Surface")
+
+    def outdate(self, obj: Any) -> None:
+        """Draw anew when it is seen: the result is another one."""
+        self._outdated = True
+        self._draw_soon(obj)
+
+    def onChanged(self, view: Any, name: str) -> None:
+        """Take another colouring, or draw what was not needed before."""
+        if not hasattr(self, "scene"):
+            return
+        if name in ("ColourBy", "Legend"):
+            self._outdated = True
+        if name in ("ColourBy", "Legend", "Visibility"):
+            self._draw_soon(view.Object)
+
+    def _draw_soon(self, obj: Any) -> None:
+        if not self._waiting:
+            self._waiting = True
+            # Later: while a document is opened, the volume's link and its file come last.
+            QtCore.QTimer.singleShot(0, lambda: self._draw_if_seen(obj))
+
+    def _draw_if_seen(self, obj: Any) -> None:
+        from HybridVolume.errors import HybridVolumeError
+        from HybridVolume.objects.inner import stored_volume, volume_of
+
+        self._waiting = False
+        try:
+            view = obj.ViewObject
+            seen = view.Visibility
+            volume = volume_of(obj)
+        except (ReferenceError, RuntimeError):  # deleted meanwhile
+            return
+        if not (seen and self._outdated):
+            return
+        self._outdated = False
+        try:
+            found = stored_volume(volume) if volume is not None and volume.Result else None
+        except HybridVolumeError as error:
+            FreeCAD.Console.PrintError(f"{obj.Label}: {error.line}\n")
+            found = None
+        self.scene.show(found, self.COLOURINGS[view.ColourBy], legend=view.Legend)
+
+    def doubleClicked(self, view: Any) -> bool:
+        """Open the quality panel with the inner boundary alone."""
+        from HybridVolume.objects.inner import volume_of
+
+        from . import commands
+
+        volume = volume_of(view.Object)
+        if volume is not None and not FreeCADGui.Control.activeDialog():
+            commands.open_quality_soon(volume, inner=True)
+        return True
+
+    def getDisplayModes(self, view: Any) -> list[str]:
+        """Return the one display mode."""
+        return ["Surface"]
+
+    def getDefaultDisplayMode(self) -> str:
+        """Return the one display mode."""
+        return "Surface"
+
+    def setDisplayMode(self, mode: str) -> str:
+        """Return the mode as it is."""
+        return mode
+
+
 def attach(obj: Any) -> None:
     """Give a document object its view provider and first looks, if it has none yet."""
     view = obj.ViewObject
@@ -283,6 +404,8 @@ def attach(obj: Any) -> None:
         MidstructureView(view)
     elif kind == "HybridVolume::AnalysisMesh":
         MeshView(view)
+    elif kind == "HybridVolume::InnerBoundary":
+        InnerBoundaryView(view)
     elif obj.Part == "Shell":
         ShellView(view)
     else:

@@ -15,7 +15,7 @@ from HybridVolume import environment, sources
 from HybridVolume.job import worker_python
 from HybridVolume.objects.volume import source_fingerprint
 
-from . import messages, preferences
+from . import messages, preferences, red_places
 from .setup import EnvironmentSetup, question
 
 NO_ENVIRONMENT = "Not started: there is no environment to compute in"
@@ -56,6 +56,7 @@ def read_bodies(source: Any) -> tuple[str, list[sources.Body]]:
     InputError
         The object has no solid.
     """
+    red_places.clear()
     with waiting():
         return source_fingerprint(source), list(sources.read_object(source))
 

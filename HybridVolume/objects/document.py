@@ -27,6 +27,7 @@ from .fem_mesh import (
     cover,
     make_mesh_object,
 )
+from .inner import make_inner_boundary
 from .midstructure import PARAMETERS, insert_found, make_midstructure, search_inputs
 from .properties import include, transaction
 from .volume import (
@@ -241,6 +242,8 @@ def _make_parts(doc: Any, obj: Any) -> None:
     for part in ("Shell", "Core"):
         if getattr(obj, part) is None:
             setattr(obj, part, make_mesh_object(doc, part, PartMesh))
+    if obj.InnerBoundary is None:
+        obj.InnerBoundary = make_inner_boundary(doc)
     if obj.FemMesh is None:
         obj.FemMesh = make_mesh_object(doc, "FemMesh", AnalysisMesh)
 

@@ -23,7 +23,7 @@ _PARTS = "Parts"
 
 NOT_COMPUTED = "Not computed"
 
-CHILDREN = ("Midstructure", "Shell", "Core", "FemMesh")
+CHILDREN = ("Midstructure", "Shell", "InnerBoundary", "Core", "FemMesh")
 """Links from a hybrid volume to its parts, in the order of the tree."""
 
 

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""A table of figures that is sorted by a click on a column and tells which rows are selected."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from PySide import QtCore, QtGui
+
+_KEY = QtCore.Qt.UserRole
+
+
+class _Cell(QtGui.QTableWidgetItem):
+    """A cell that is sorted by its figure, or by the number in its name."""
+
+    def __init__(self, row: int, text: str, value: float | None) -> None:
+        super().__init__(text)
+        self.row_key = row
+        if value is None:
+            number = re.search(r"\d+$", text)
+            value = float(number.group()) if number else 0.0
+        else:
+            self.setTextAlignment(QtCore.Qt.AlignRight | QtCore.Qt.AlignVCenter)
+        self.value = value
+        self.setFlags(QtCore.Qt.ItemIsSelectable | QtCore.Qt.ItemIsEnabled)
+
+    def __lt__(self, other: Any) -> bool:
+        return self.value < other.value
+
+
+class FigureTable:
+    """Rows of names and figures in a QTableWidget.
+
+    Parameters
+    ----------
+    widget : QTableWidget
+    columns : sequence of (title, explanation)
+    selected : callable(list of int)
+        Told the keys of the selected rows, whenever the user changes them.
+    """
+
+    def __init__(
+        self,
+        widget: Any,
+        columns: Sequence[tuple[str, str]],
+        selected: Callable[[list[int]], None],
+    ) -> None:
+        self._widget = widget
+        self._selected = selected
+        self._silent = False
+        widget.setColumnCount(len(columns))
+        for number, (title, explanation) in enumerate(columns):
+            head = QtGui.QTableWidgetItem(title)
+            head.setToolTip(explanation)
+            widget.setHorizontalHeaderItem(number, head)
+        widget.setSelectionBehavior(QtGui.QAbstractItemView.SelectRows)
+        widget.setEditTriggers(QtGui.QAbstractItemView.NoEditTriggers)
+        widget.verticalHeader().hide()
+        widget.verticalHeader().setDefaultSectionSize(20)
+        widget.setAlternatingRowColors(True)
+        widget.itemSelectionChanged.connect(self._tell)
+
+    def show(self, rows: Sequence[Sequence[tuple[str, float | None]]]) -> None:
+        """Take other rows.
+
+        Parameters
+        ----------
+        rows : sequence of sequences of (text, figure)
+            The figure is what the cell is sorted by; None for a name. Keys are the places here.
+        """
+        table = self._widget
+        self._silent = True
+        try:
+            table.setSortingEnabled(False)
+            table.clearSelection()
+            table.setRowCount(len(rows))
+            for row, cells in enumerate(rows):
+                for column, (text, value) in enumerate(cells):
+                    table.setItem(row, column, _Cell(row, text, value))
+            table.setSortingEnabled(True)
+            table.resizeColumnsToContents()
+        finally:
+            self._silent = False
+
+    def sort(self, column: int) -> None:
+        """Sort by a column, the smallest first."""
+        self._widget.sortItems(column, QtCore.Qt.AscendingOrder)
+
+    def clear_selection(self) -> None:
+        """Select nothing, without telling anybody."""
+        self._silent = True
+        self._widget.clearSelection()
+        self._silent = False
+
+    @property
+    def selection(self) -> list[int]:
+        """Keys of the selected rows."""
+        rows = self._widget.selectionModel().selectedRows()
+        return sorted(self._widget.item(index.row(), 0).row_key for index in rows)
+
+    def _tell(self) -> None:
+        if not self._silent:
+            self._selected(self.selection)

@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""Where a body is refused: its faces in red, the exact places as balls, the rest as glass.
+
+Nothing of it is in the document: nodes are added to the 3D views and taken away again.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import FreeCAD
+import numpy as np
+from pivy import coin
+
+from HybridVolume.errors import HybridVolumeError, Place
+from HybridVolume.sources import global_shape
+
+from .coin_nodes import Faces, look, separator, unlit, unpickable
+from .stage import DEVIATION, Added, Hidden, glass
+
+RED = (0.88, 0.05, 0.05)
+FACE_TRANSPARENCY = 0.35
+BALL = 0.007
+"""Radius of a ball, as a share of the body's diagonal."""
+NAMED = 12
+"""Places that words stand at, at most."""
+MOST = 400
+"""Balls, at most."""
+
+_shown: RedPlaces | None = None
+
+
+def show(source: Any, error: HybridVolumeError) -> bool:
+    """Show where a body is refused, in place of what was shown before.
+
+    Parameters
+    ----------
+    source : App.DocumentObject
+        The body.
+    error : HybridVolumeError
+        Its faces become red, its places balls.
+
+    Returns
+    -------
+    bool
+        False where the error names no face and no place of the body, or nobody looks.
+    """
+    global _shown
+    clear()
+    if not (error.faces or error.places):
+        return False
+    try:
+        gone, shape = source.Document is None, global_shape(source)
+    except (ReferenceError, RuntimeError):
+        return False
+    if gone or shape is None or shape.isNull():
+        return False
+    _shown = RedPlaces(source, shape, error)
+    return True
+
+
+def clear() -> None:
+    """Show the body as it was."""
+    global _shown
+    if _shown is not None:
+        _shown.close()
+        _shown = None
+
+
+def shown() -> RedPlaces | None:
+    """What is shown."""
+    return _shown
+
+
+def lines(error: HybridVolumeError) -> list[str]:
+    """The places of an error, a line each."""
+    return [_words(place) for place in error.places]
+
+
+def _words(place: Place) -> str:
+    return f"{place.face} at u = {place.u:.3g}, v = {place.v:.3g}: {place.what}"
+
+
+class RedPlaces:
+    """Red faces and balls in all views of the body's document, until :meth:`close`.
+
+    Parameters
+    ----------
+    source : App.DocumentObject
+    shape : Part.Shape
+        Of the source, in global coordinates.
+    error : HybridVolumeError
+
+    Attributes
+    ----------
+    faces : list of str
+        Faces that are drawn red.
+    balls : int
+        Places that are drawn.
+    """
+
+    def __init__(self, source: Any, shape: Any, error: HybridVolumeError) -> None:
+        self._document, self._name = source.Document.Name, source.Name
+        self._diagonal = shape.BoundBox.DiagonalLength
+        known = {f"Face{number}": face for number, face in enumerate(shape.Faces, start=1)}
+        named = dict.fromkeys([*error.faces, *(place.face for place in error.places)])
+        self.faces = [name for name in named if name in known]
+        self.balls = min(len(error.places), MOST)
+        root = separator(unpickable(), glass(shape))
+        for name in self.faces:
+            root.addChild(self._face(known[name]))
+        root.addChild(self._balls(error.places[:MOST]))
+        root.addChild(self._texts(error.places))
+        self._hidden = Hidden()
+        self._hidden.hide(source)
+        self._added = Added(self._document, root)
+        FreeCAD.addDocumentObserver(self)
+
+    def close(self) -> None:
+        """Take everything away."""
+        FreeCAD.removeDocumentObserver(self)
+        self._added.close()
+        self._hidden.close()
+
+    def _face(self, face: Any) -> Any:
+        # a copy: what is tessellated is stored in the shape
+        points, triangles = face.copy().tessellate(DEVIATION * self._diagonal)
+        drawn = Faces(smooth=False, colour=RED, transparency=FACE_TRANSPARENCY, crease=0.6)
+        if triangles:
+            drawn.show(np.array([tuple(p) for p in points]), np.array(triangles))
+        return drawn.node
+
+    def _balls(self, places: Any) -> Any:
+        root = separator(look(RED))
+        ball = coin.SoSphere()
+        ball.radius = BALL * self._diagonal
+        for place in places:
+            at = coin.SoTranslation()
+            at.translation = place.point
+            root.addChild(separator(at, ball))
+        return root
+
+    def _texts(self, places: Any) -> Any:
+        """Words at places, on top of everything; one for places that cannot be told apart."""
+        on_top = coin.SoAnnotation()
+        on_top.addChild(unlit())
+        on_top.addChild(look((0.5, 0.0, 0.0)))
+        font = coin.SoFont()
+        font.size, font.name = 14.0, "sans"
+        on_top.addChild(font)
+        written: list[np.ndarray] = []
+        for place in places:
+            point = np.array(place.point)
+            near = any(np.linalg.norm(point - x) < 0.05 * self._diagonal for x in written)
+            if near or len(written) == NAMED:
+                continue
+            written.append(point)
+            at, words = coin.SoTranslation(), coin.SoText2()
+            at.translation = tuple(point + 1.5 * BALL * self._diagonal)
+            words.string = f"{place.face}: {place.what}"
+            on_top.addChild(separator(at, words))
+        return on_top
+
+    # What documents tell an observer: after a change of the body the places are wrong.
+
+    def slotChangedObject(self, obj: Any, name: str) -> None:
+        """Clear when the body changes, or anything takes another shape."""
+        if obj.Document.Name == self._document and (
+            obj.Name == self._name or name in ("Shape", "Placement", "Result")
+        ):
+            clear()
+
+    def slotCreatedObject(self, obj: Any) -> None:
+        """Clear when something new appears beside the body."""
+        if obj.Document.Name == self._document:
+            clear()
+
+    def slotDeletedObject(self, obj: Any) -> None:
+        """Clear when something goes."""
+        if obj.Document.Name == self._document:
+            clear()
+
+    def slotUndoDocument(self, doc: Any) -> None:
+        """Clear at Undo."""
+        if doc.Name == self._document:
+            clear()
+
+    slotRedoDocument = slotUndoDocument
+
+    def slotDeletedDocument(self, doc: Any) -> None:
+        """Clear with the document."""
+        if doc.Name == self._document:
+            clear()
