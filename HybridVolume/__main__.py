@@ -142,6 +142,14 @@ def parser() -> Parser:
         metavar="P",
         help="degree through the shell (default: 3)",
     )
+    p.add_argument(
+        "--method",
+        choices=("certified", "paper"),
+        default="certified",
+        help="how the shell is made: as described in docs/design.md, or as in the paper's section "
+        "3, for smooth bodies and comparison; every element is proved either way "
+        "(default: certified)",
+    )
     _add_midstructure(p)
     p.add_argument(
         "--order", type=int, choices=(1, 2), default=2, help="order of the FEM mesh (default: 2)"
@@ -158,6 +166,12 @@ def parser() -> Parser:
         default=1e-7,
         metavar="T",
         help="points closer than this share of the diagonal are one (default: 1e-7)",
+    )
+    p.add_argument(
+        "--pictures",
+        action="store_true",
+        help="draw the stages as well: NAME_field.png, NAME_columns.png, NAME_shell.png, "
+        "NAME_level.png, NAME_thickness.png, NAME_histogram.png, NAME_worst.png",
     )
     p.add_argument("--free-only", action="store_true", help="leave the GPL parts out")
     p.add_argument("--version", action="version", version=f"HybridVolume {HybridVolume.version}")

@@ -133,6 +133,7 @@ def parameters_of(options: argparse.Namespace) -> dict[str, Any]:
     """Return the options of the command line under the names that document objects use."""
     return {
         "W0": options.w0,
+        "Method": options.method,
         "Layers": options.layers,
         "Degree": options.degree,
         "Tolerance": options.tolerance,
@@ -242,6 +243,7 @@ class _Writer:
         self._screen = screen
         self._python = python
         self._bodies = bodies
+        self._exports = (*EXPORTS, "pictures") if options.pictures else EXPORTS
         self._prepared: list[Any] = []
         self._document_seconds = 0.0
 
@@ -272,7 +274,7 @@ class _Writer:
             options={**volume.options_of(parameters), "strict_decisions": alone},
             own=own,
             source={"file": Path(self._options.body).name, "bodies": self._bodies},
-            exports=EXPORTS,
+            exports=self._exports,
             python=self._python,
             free_only=self._options.free_only,
             parent=self._output.scratch,
@@ -294,8 +296,9 @@ class _Writer:
                     geometry=geometry,
                 )
             )
-            for export in EXPORTS:
-                job.exported(export).rename(self._output.files / f"{body.name}.{export}")
+            for export in self._exports:
+                for file in job.exported(export):
+                    file.rename(self._output.files / file.name)
         self._prepared.append(prepared)
         self._document_seconds += time.perf_counter() - started
         return prepared.report

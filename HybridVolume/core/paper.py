@@ -525,13 +525,14 @@ def _refuse(shell: Shell, certificate: Certificate, lost: np.ndarray) -> None:
     surface, w0 = shell.surface, shell.w0_asked
     if not certificate.all_valid:
         bad = certificate.status < 1
+        spans = np.unique(certificate.element[bad] // shell.layer_count)
         raise ThicknessError(
             f"{int(bad.sum())} of {len(certificate)} elements that the paper's method makes at"
             f" w0 = {w0:.3g} are not proved valid ({certificate.invalid} are proved inverted)",
             faces=_faces(surface, certificate.patch[bad]),
             figure=float(bad.sum()),
             remedy=REMEDY,
-            places=_element_places(surface, np.unique(certificate.failed // shell.layer_count)),
+            places=_element_places(surface, spans),
         )
     if len(lost):
         patches = [k for k, p in enumerate(surface.patches) if np.isin(p.index, lost).any()]
