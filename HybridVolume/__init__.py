@@ -7,6 +7,9 @@ What macros and scripts use::
     import HybridVolume
     body = HybridVolume.read_step("fandisk.step")[0]
     volume = HybridVolume.complete(body, w0=0.5)
+    volume = HybridVolume.complete(body, thickness="2 mm", face_factors={"Face3": 1.5}, layers=4,
+                                   spacing="first 0.2 mm")
+    volume.report["sentence"], volume.report["faces"]    # what was reached
     mesh = HybridVolume.to_fem(volume, FreeCAD.ActiveDocument)
 
     mid = HybridVolume.edit_midstructure(FreeCAD.ActiveDocument.getObject("Midstructure"))

@@ -16,7 +16,7 @@ import math
 import signal
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -28,6 +28,15 @@ from HybridVolume.job import exit_code
 LATER = ("fit", "bench")
 """Words that a later version takes as commands."""
 GEOMETRY_SUFFIXES = (".step", ".stp", ".brep", ".brp")
+
+
+class _Help(argparse.HelpFormatter):
+    """Wraps the text, but keeps the lines of the examples."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        words, _, examples = text.partition("\n\n")
+        filled = super()._fill_text(words, width, indent)
+        return f"{filled}\n\n{examples}" if examples else filled
 
 
 class Parser(argparse.ArgumentParser):
@@ -87,11 +96,35 @@ def _midstructure(text: str) -> str:
 def _depth(text: str) -> str:
     from HybridVolume.core.midstructure.search import parse_depth
 
+    _read(parse_depth, text)
+    return text
+
+
+def _thickness(text: str) -> str:
+    from HybridVolume.core.goals import Thickness
+
+    return _read(Thickness.parse, text).text
+
+
+def _spacing(text: str) -> str:
+    from HybridVolume.core.levels import Spacing
+
+    return _read(Spacing.parse, text).text
+
+
+def _factor(text: str) -> str:
+    from HybridVolume.core.goals import parse_factor
+
+    _read(parse_factor, text)
+    return text
+
+
+def _read(parse: Callable[[str], Any], text: str) -> Any:
+    """Parse a word of the command line; what is wrong with it is one line."""
     try:
-        parse_depth(text)
+        return parse(text)
     except InputError as error:
         raise argparse.ArgumentTypeError(error.line) from None
-    return text
 
 
 class _Decide(argparse.Action):
@@ -117,31 +150,17 @@ def parser() -> Parser:
         "elements that keeps their faces bit for bit, tetrahedra in the core, one mesh for FEM.",
         epilog="Writes NAME.FCStd, NAME.vtu, NAME.inp, NAME.png and report.json. Ends with 0 when "
         "every element is proved valid, 2 for an input that it refuses, 1 for a fault of its own. "
-        "`./run.sh reproduce NAME -o DIR` makes a figure or table of the documentation again.",
+        "`./run.sh reproduce NAME -o DIR` makes a figure or table of the documentation again.\n\n"
+        "examples:\n"
+        "  ./run.sh part.step --w0 0.3\n"
+        '  ./run.sh part.step --thickness "2 mm" --face-factor Face3=1.5 --face-factor Face7=0.5\n'
+        '  ./run.sh part.step --thickness "30 %" --layers 4 --spacing "ratio 1.5"\n'
+        '  ./run.sh part.step --thickness "min 1 mm" --layers 5 --spacing "first 0.1 mm"\n',
+        formatter_class=_Help,
     )
     p.add_argument("body", metavar="BODY.step", help="STEP or BREP file with untrimmed NURBS faces")
     p.add_argument("-o", "--output", metavar="DIR", help="output folder (default: ./NAME)")
-    p.add_argument(
-        "--w0",
-        type=_share,
-        default=0.5,
-        metavar="W",
-        help="thickness of the shell: share of the way to the midstructure (default: 0.5)",
-    )
-    p.add_argument(
-        "--layers",
-        type=_count,
-        default=2,
-        metavar="N",
-        help="layers of elements in the shell (default: 2)",
-    )
-    p.add_argument(
-        "--degree",
-        type=_count,
-        default=3,
-        metavar="P",
-        help="degree through the shell (default: 3)",
-    )
+    _add_thickness(p)
     p.add_argument(
         "--method",
         choices=("certified", "paper"),
@@ -176,6 +195,58 @@ def parser() -> Parser:
     p.add_argument("--free-only", action="store_true", help="leave the GPL parts out")
     p.add_argument("--version", action="version", version=f"HybridVolume {HybridVolume.version}")
     return p
+
+
+def _add_thickness(p: Parser) -> None:
+    group = p.add_argument_group("shell", "how thick it is, and how it is cut into layers")
+    wanted = group.add_mutually_exclusive_group()
+    wanted.add_argument(
+        "--w0",
+        type=_share,
+        default=0.5,
+        metavar="W",
+        help="share of the way from the faces to the midstructure, as a level of the harmonic "
+        "field (default: 0.5)",
+    )
+    wanted.add_argument(
+        "--thickness",
+        type=_thickness,
+        metavar="TEXT",
+        help='in place of --w0: "2 mm" everywhere, "mean 2 mm", "min 2 mm" (at the thinnest '
+        'place), or "30 %%" of the local radius, which is half the body\'s thickness',
+    )
+    group.add_argument(
+        "--face-factor",
+        type=_factor,
+        action="append",
+        default=[],
+        dest="face_factors",
+        metavar="Face3=1.5",
+        help="makes the shell thicker or thinner at a face (repeatable)",
+    )
+    group.add_argument(
+        "--layers",
+        type=_count,
+        default=2,
+        metavar="N",
+        help="layers of elements, 1 to 50 (default: 2)",
+    )
+    group.add_argument(
+        "--spacing",
+        type=_spacing,
+        default="volume",
+        metavar="TEXT",
+        help='layers of equal volume ("volume") or height ("distance"), each higher than the one '
+        'outside of it ("ratio 1.5"), or with an outermost one of so many mm ("first 0.2 mm") '
+        "(default: volume)",
+    )
+    group.add_argument(
+        "--degree",
+        type=_count,
+        default=3,
+        metavar="P",
+        help="degree through the shell, 1 to 6 (default: 3)",
+    )
 
 
 def _add_midstructure(p: Parser) -> None:

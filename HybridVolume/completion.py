@@ -97,6 +97,7 @@ def complete_file(options: argparse.Namespace, screen: Screen) -> int:
         geometry = _Geometry(options.midstructure) if _names_file(options) else None
         bodies = sources.read_file(options.body)
         check_named_faces(options.decisions, bodies)
+        check_faces(parameters["FaceFactors"], bodies)
         reading = time.perf_counter() - started
         writer = _Writer(options, parameters, geometry, output, screen, python, len(bodies))
         outcomes = [writer.complete(body) for body in bodies]
@@ -110,6 +111,8 @@ def complete_file(options: argparse.Namespace, screen: Screen) -> int:
     for outcome in outcomes:
         if outcome.report:
             screen.line(summary(outcome))
+            if outcome.report["shell"]["sentence"]:
+                screen.line(f"{outcome.name}: {outcome.report['shell']['sentence']}")
     screen.clear()
     for outcome in refused:
         notes = getattr(outcome.error, "__notes__", ())
@@ -122,17 +125,23 @@ def complete_file(options: argparse.Namespace, screen: Screen) -> int:
 def summary(outcome: Outcome) -> str:
     """Return the figures of a completed body in a line."""
     shell, fem = outcome.report["shell"], outcome.report["fem"]
-    asked = "" if shell["w0"] >= 0.9 * shell["w0_asked"] else f" (asked: {shell['w0_asked']:.2f})"
     return (
-        f"{outcome.name}: w0 {shell['w0']:.2f}{asked}, {shell['elements']} shell elements, all "
-        f"proved valid, {outcome.report['interior']['tets']} tets; FEM mesh of {fem['nodes']} nodes"
+        f"{outcome.name}: w0 {shell['w0']:.2f}, {shell['thickness']['mean']:.3g} mm, "
+        f"{shell['elements']} shell elements, all proved valid, "
+        f"{outcome.report['interior']['tets']} tets; FEM mesh of {fem['nodes']} nodes"
     )
 
 
 def parameters_of(options: argparse.Namespace) -> dict[str, Any]:
     """Return the options of the command line under the names that document objects use."""
+    from HybridVolume.core.goals import Thickness, parse_factors
+    from HybridVolume.core.levels import Spacing
+    from HybridVolume.objects.thickness import spacing_parameters, thickness_parameters
+
+    factors = parse_factors(options.face_factors)
     return {
-        "W0": options.w0,
+        **thickness_parameters(Thickness.parse(options.thickness or f"{options.w0!r}", factors)),
+        **spacing_parameters(Spacing.parse(options.spacing)),
         "Method": options.method,
         "Layers": options.layers,
         "Degree": options.degree,
@@ -158,6 +167,31 @@ def decisions_about(decisions: Sequence[str], body: Any) -> list[str]:
 
     names = {face.name for face in body.faces}
     return [text for text in decisions if names.issuperset(Decision.parse(text).faces)]
+
+
+def factors_about(factors: Sequence[str], body: Any) -> list[str]:
+    """The factors, as ``"Face3 = 1.5"``, whose face a body has."""
+    from HybridVolume.core.goals import parse_factor
+
+    names = {face.name for face in body.faces}
+    return [text for text in factors if parse_factor(text)[0] in names]
+
+
+def check_faces(factors: Sequence[str], bodies: Sequence[Any]) -> None:
+    """Refuse a factor of a face that no body has, before the long work.
+
+    Raises
+    ------
+    InputError
+    """
+    usable = [body for body in bodies if not body.error]
+    for text in factors:
+        if usable and not any(factors_about([text], body) for body in usable):
+            most = max(len(body.faces) for body in usable)
+            raise InputError(
+                f"the factor {text}: no body has this face",
+                remedy=f"name one of Face1 to Face{most}",
+            )
 
 
 def check_named_faces(decisions: Sequence[str], bodies: Sequence[Any]) -> None:
@@ -263,6 +297,7 @@ class _Writer:
         alone = self._bodies == 1
         parameters = dict(self._parameters)
         parameters["Midstructure.Decisions"] = tuple(decisions_about(self._options.decisions, body))
+        parameters["FaceFactors"] = tuple(factors_about(parameters["FaceFactors"], body))
         geometry = own = None
         if self._geometry:
             geometry = self._geometry.of(body, alone=alone)
@@ -297,7 +332,7 @@ class _Writer:
                 )
             )
             for export in self._exports:
-                for file in job.exported(export):
+                for file in job.exported_files(export):
                     file.rename(self._output.files / file.name)
         self._prepared.append(prepared)
         self._document_seconds += time.perf_counter() - started

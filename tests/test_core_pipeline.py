@@ -166,7 +166,7 @@ def test_all_goals_go_by_the_same_midstructure():
     stage = pipeline.midstructure_stage(surface, options)
     assert stage.midstructure.area == pytest.approx(3.0, rel=0.01)
     assert stage.surface.volume() == pytest.approx(8.0)
-    again, figures = pipeline.thickness(surface, options)
+    again, _, figures = pipeline.thickness(surface, options)
     assert np.array_equal(again.midstructure.vertices, stage.midstructure.vertices)
     # half the way to the middle, and less where the corners round the level off
     assert 0.2 < figures["min"] <= 0.27 and figures["max"] < 1.0
