@@ -62,6 +62,8 @@ REPORT_FILE = "report.json"
 LOG_FILE = "worker.log"
 EXPORTS = ("vtu", "inp", "png")
 """What a worker can write besides the result, each as ``NAME.<export>``."""
+PICTURES = ("field", "columns", "shell", "level", "thickness", "histogram", "worst")
+"""What the export ``pictures`` writes, each as ``NAME_<picture>.png``."""
 
 PREFERENCES = "User parameter:BaseApp/Preferences/Mod/HybridVolume"
 GRACE = 2.0
@@ -114,6 +116,20 @@ def _preferred_python() -> str:
     return freecad.ParamGet(PREFERENCES).GetString("Python", "") if freecad else ""
 
 
+def exported_files(name: str, export: str) -> list[str]:
+    """Names of the files of one export of a body.
+
+    Parameters
+    ----------
+    name : str
+        Stem of the files.
+    export : {"vtu", "inp", "png", "pictures"}
+    """
+    if export == "pictures":
+        return [f"{name}_{picture}.png" for picture in PICTURES]
+    return [f"{name}.{export}"]
+
+
 class Job:
     """The completion of one body in a process of its own, or a part of it.
 
@@ -136,7 +152,7 @@ class Job:
         :func:`HybridVolume.core.thickness.shell_thickness`.
     own : (vertices (m, 3), facets (f, 3)), optional
         Geometry for the midstructure ``own``, mm.
-    exports : sequence of {"vtu", "inp", "png"}
+    exports : sequence of {"vtu", "inp", "png", "pictures"}
         Only of a volume.
     python : str, optional
         Interpreter of the worker; :func:`worker_python` otherwise.
@@ -172,7 +188,7 @@ class Job:
         free_only: bool = False,
         parent: str | os.PathLike | None = None,
     ) -> None:
-        unknown = set(exports) - set(EXPORTS if goal == "volume" else ())
+        unknown = set(exports) - set((*EXPORTS, "pictures") if goal == "volume" else ())
         if unknown:
             raise ValueError(f"unknown exports {sorted(unknown)} of a {goal}")
         if goal not in GOALS:
@@ -356,6 +372,10 @@ class Job:
     def exported(self, export: str) -> Path:
         """Return the path of an exported file."""
         return self._file(f"{self.name}.{export}")
+
+    def exported_files(self, export: str) -> list[Path]:
+        """Return the paths of all files of an export."""
+        return [self._file(name) for name in exported_files(self.name, export)]
 
     def _file(self, name: str) -> Path:
         if self.state != "done" or self.folder is None:

@@ -5,7 +5,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+import re
+import shutil
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -50,7 +52,13 @@ def complete(
     body: Any,
     w0: float = 0.5,
     *,
+    thickness: str | float | None = None,
+    face_factors: Mapping[str, float] | None = None,
+    layers: int = 2,
+    spacing: str = "volume",
+    degree: int = 3,
     own: Any = None,
+    pictures: str | os.PathLike | None = None,
     progress: Callable[[Progress], None] | None = None,
     python: str | None = None,
     **options: Any,
@@ -63,8 +71,24 @@ def complete(
         One closed body of untrimmed NURBS faces, mm.
     w0 : float
         Thickness of the shell: share of the way to the midstructure, in (0, 1).
+    thickness : str or float, optional
+        In place of w0: ``"2 mm"`` (or the number 2.0) everywhere, ``"mean 2 mm"``,
+        ``"min 2 mm"`` at the thinnest place, or ``"30 %"`` of the local radius, which is half the
+        body's thickness.
+    face_factors : mapping of str to float, optional
+        By what it is multiplied at CAD faces, e.g. ``{"Face3": 1.5}``.
+    layers : int
+        Layers of elements, 1 to 50.
+    spacing : str
+        Their heights: ``"volume"`` or ``"distance"`` (equal ones), ``"ratio 1.5"`` (each over the
+        one outside of it), or ``"first 0.2 mm"`` (of the outermost).
+    degree : int
+        Across the shell, 1 to 6.
     own : sequence of App.DocumentObject or Part.Shape, or (vertices, facets), optional
         Points, wires or faces inside the body that serve as its midstructure, mm.
+    pictures : path, optional
+        Folder for the pictures of the stages, ``NAME_field.png`` and the others of
+        :data:`HybridVolume.job.PICTURES`.
     progress : callable, optional
         Called with a :class:`HybridVolume.job.Progress` now and then.
     python : str, optional
@@ -76,6 +100,8 @@ def complete(
     Returns
     -------
     HybridVolume
+        Its ``report`` tells what was reached: ``sentence``, and ``faces`` with the thickness of
+        each, as in docs/report.md.
 
     Raises
     ------
@@ -86,12 +112,40 @@ def complete(
         options.setdefault("midstructure", "own")
     job = Job(
         faces_of(body),
-        options={"w0": w0, "strict_decisions": True, **options},
+        name=_stem(body),
+        options={
+            "w0": w0,
+            "thickness": _thickness_text(thickness),
+            "face_factors": dict(face_factors or {}),
+            "layers": layers,
+            "spacing": spacing,
+            "degree": degree,
+            "strict_decisions": True,
+            **options,
+        },
         own=_own(own),
+        exports=("pictures",) if pictures is not None else (),
         python=python,
     )
     with job:
-        return job.run(progress)
+        volume = job.run(progress)
+        if pictures is not None:
+            Path(pictures).mkdir(parents=True, exist_ok=True)
+            for file in job.exported_files("pictures"):
+                shutil.copyfile(file, Path(pictures) / file.name)
+        return volume
+
+
+def _thickness_text(thickness: str | float | None) -> str:
+    if thickness is None:
+        return ""
+    return thickness if isinstance(thickness, str) else f"{float(thickness)!r} mm"
+
+
+def _stem(body: Any) -> str:
+    """Name of a body as the stem of a file."""
+    name = str(getattr(body, "name", None) or getattr(body, "Label", None) or "body")
+    return re.sub(r"[^\w.-]", "_", name)
 
 
 def find_midstructure(

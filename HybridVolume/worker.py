@@ -106,14 +106,26 @@ def _volume(
     from HybridVolume import report
     from HybridVolume.core.pipeline import complete
 
-    volume = complete(surface, options, watch, own)
+    # pictures show the field, which the result does not hold
+    made: dict[str, Any] = {}
+    drawn = "pictures" in task["exports"]
+    volume = complete(surface, options, watch, own, made.__setitem__ if drawn else None)
     watch("exports", 0.93, "writing the result")
     volume.save(folder / job.RESULT_FILE)
     for number, export in enumerate(task["exports"]):
+        if export == "pictures":
+            continue
         watch("exports", 0.94 + 0.02 * number, f"writing {task['name']}.{export}")
         write_export(volume, export, folder / f"{task['name']}.{export}")
+    pictures: list[str] = []
+    if drawn:
+        from HybridVolume.exports.pictures import write_pictures
+
+        watch("pictures", 0.985, "drawing")
+        pictures = write_pictures(folder, task["name"], volume, made["field"])
     watch.enter(None)
-    return report.volume_report(volume, source=task["source"], seconds=watch.seconds)
+    figures = report.volume_report(volume, source=task["source"], seconds=watch.seconds)
+    return {**figures, "pictures": pictures} if drawn else figures
 
 
 def _midstructure(

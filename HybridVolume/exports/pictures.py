@@ -50,9 +50,6 @@ if TYPE_CHECKING:
     from HybridVolume.core.shell import Shell
     from HybridVolume.core.surface import SurfaceMesh
 
-PICTURES = ("field", "columns", "shell", "level", "thickness", "histogram", "worst")
-"""Each is written as ``NAME_<picture>.png``."""
-
 SHEET = (0.85, 0.22, 0.16)
 COLUMN = (0.12, 0.27, 0.62)
 BODY = (0.80, 0.83, 0.88)
@@ -100,7 +97,7 @@ def write_pictures(
 def all_pictures(
     name: str, volume: HybridVolume, field: HarmonicField
 ) -> Mapping[str, Scene | Chart]:
-    """Every picture under its name in :data:`PICTURES`."""
+    """Every picture under its name in :data:`HybridVolume.job.PICTURES`."""
     quality = element_quality(volume)
     return {
         "field": field_picture(name, volume, field),
