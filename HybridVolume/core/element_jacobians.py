@@ -220,14 +220,14 @@ def bernstein_coefficients(kind: str, coordinates: np.ndarray) -> tuple[np.ndarr
 
     Parameters
     ----------
-    kind : {"tet4", "tet10", "penta6", "penta15"}
+    kind : {"tet4", "tet10", "penta6", "penta15", "penta18"}
     coordinates : (ne, n, 3) array
         Node coordinates, mm.
 
     Returns
     -------
     coefficients : (ne, nc) array
-        mm^3; nc is 1, 20, 9 or 90.
+        mm^3; nc is 1, 20, 9 or 90 (both quadratic wedges).
     rounding : (ne,) array
         No coefficient is farther from its exact value, mm^3.
     """
@@ -245,7 +245,7 @@ def bernstein_coefficients(kind: str, coordinates: np.ndarray) -> tuple[np.ndarr
         cross = np.einsum("ij,ejc->eic", table.cross, cross, optimize=True)
         pairs = np.einsum("eic,ejc->eij", cross, c, optimize=True).reshape(len(a), -1)
         coefficients[part] = pairs @ table.dot.T
-        # First order: a derivative is a sum of at most 16 terms; then come sums of at most 81 and
+        # First order: a derivative is a sum of at most 18 terms; then come sums of at most 81 and
         # 360 products with positive weights of sum 1.
         size = [np.linalg.norm(d, axis=2).max(axis=1) for d in (a, b, c)]
         terms = [(length @ np.abs(d).T).max(axis=1) for d in table.derivatives]
@@ -282,7 +282,7 @@ def prove_positive(kind: str, coordinates: np.ndarray, depth: int = 5) -> Jacobi
 
     Parameters
     ----------
-    kind : {"tet4", "tet10", "penta6", "penta15"}
+    kind : {"tet4", "tet10", "penta6", "penta15", "penta18"}
     coordinates : (ne, n, 3) array
         Node coordinates, mm.
     depth : int
@@ -360,7 +360,7 @@ def scaled_jacobian(
 
     Parameters
     ----------
-    kind : {"tet4", "tet10", "penta6", "penta15"}
+    kind : {"tet4", "tet10", "penta6", "penta15", "penta18"}
     coordinates : (ne, n, 3) array
     points : (m, 3) array, optional
         Reference points; by default a lattice with 5 points along an edge.

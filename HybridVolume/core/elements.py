@@ -36,6 +36,12 @@ EDGES: dict[str, tuple[tuple[int, int], ...]] = {
 }
 """Corners of each edge; in the quadratic kinds mid node ``corners + e`` lies on edge ``e``."""
 
+MIDDLES: dict[str, tuple[tuple[int, ...], ...]] = {
+    "penta18": ((0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
+}
+"""Corners of the sides that have a node in the middle, the last nodes. This program makes no such
+elements: gmsh does, and they are measured beside its own (`HybridVolume.reproduce.rivals`)."""
+
 FACES: dict[str, tuple[tuple[int, ...], ...]] = {
     "tet4": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)),
     "tet10": (
@@ -185,6 +191,8 @@ def _space(kind: str) -> list[tuple[int, ...]]:
         return _simplex_exponents(2, degree)
     if kind.startswith("tet"):
         return _simplex_exponents(3, degree)
+    if kind == "penta18":
+        return [(*e, z) for e in _simplex_exponents(2, 2) for z in range(3)]
     if kind.startswith("penta"):
         space = [(*e, z) for e in _simplex_exponents(2, degree) for z in (0, 1)]
         return space if linear else space + [(*e, 2) for e in _simplex_exponents(2, 1)]
@@ -195,13 +203,14 @@ def _space(kind: str) -> list[tuple[int, ...]]:
 
 @cache
 def reference(kind: str) -> ReferenceElement:
-    """The reference element of a kind ("tri3" ... "hex20")."""
+    """The reference element of a kind ("tri3" ... "hex20", or gmsh's "penta18", see `MIDDLES`)."""
     corners = np.array(_CORNERS[kind.rstrip("0123456789")], dtype=float)
     exponents = np.array(_space(kind))
     nodes = corners
     if len(exponents) > len(corners):
-        edges = np.array(EDGES[kind])
-        nodes = np.concatenate([corners, 0.5 * (corners[edges[:, 0]] + corners[edges[:, 1]])])
+        groups = [*EDGES.get(kind, _WEDGE_EDGES), *MIDDLES.get(kind, ())]
+        middles = np.array([corners[list(group)].mean(axis=0) for group in groups])
+        nodes = np.concatenate([corners, middles])
     # the coefficients are small integers: rounding makes the shape functions exact
     coefficients = np.round(np.linalg.inv(_monomials(exponents, nodes)))
     return ReferenceElement(kind, len(corners), nodes, exponents, coefficients)
