@@ -43,6 +43,12 @@ class Section:
         share = self.share.reshape(-1, *[1] * (given.ndim - 1))
         return (1.0 - share) * given[self.ends[:, 0]] + share * given[self.ends[:, 1]]
 
+    def facing(self, direction: np.ndarray) -> np.ndarray:
+        """The triangles, each turned so that its normal points along a direction, (m, 3)."""
+        a, b, c = np.moveaxis(self.points[self.parts], 1, 0)
+        away = np.cross(b - a, c - a) @ direction < 0.0
+        return np.where(away[:, None], self.parts[:, ::-1], self.parts)
+
 
 def heights(points: np.ndarray, normal: np.ndarray, distance: float) -> np.ndarray:
     """How far points are above the plane ``normal . x = distance``, in lengths of the normal."""

@@ -118,6 +118,8 @@ class ClipControls:
 
     def _turn(self) -> None:
         # the camera's direction stays until it is asked for again: the slider moves one plane
-        direction = AXES[self._form.clipAxis.currentIndex()][1]
-        self._direction = self._looking() if direction is None else direction
+        axis, looking = AXES[self._form.clipAxis.currentIndex()][1], self._looking()
+        # what is nearer to the eye goes, so that the section is seen
+        away = axis is not None and np.dot(axis, looking) < 0.0
+        self._direction = tuple(-x for x in axis) if away else axis or looking
         self.show()

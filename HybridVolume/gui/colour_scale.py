@@ -127,7 +127,7 @@ class Legend:
     node : SoSwitch
     """
 
-    LEFT, RIGHT, BOTTOM, TOP = 0.80, 0.83, -0.55, 0.35
+    LEFT, RIGHT, BOTTOM, TOP = 0.82, 0.85, -0.55, 0.35
     """Of the bar, in a view that reaches from -1 to 1 both ways."""
 
     STEPS = 64
@@ -166,7 +166,7 @@ class Legend:
         self._texts.removeAllChildren()
         self._texts.addChild(unlit())
         self._texts.addChild(look(self.INK))
-        self._write(scale.title, self.LEFT - 0.04, self.TOP + 0.06, 14)
+        self._write(scale.title, 0.98, self.TOP + 0.06, 14, right=True)
         corners = [(x, y) for x in (self.LEFT, self.RIGHT) for y in (self.BOTTOM, self.TOP)]
         points, rows = [(x, y, 0.01) for x, y in corners], [(0, 1), (1, 3), (3, 2), (2, 0)]
         for value in scale.marks:
@@ -177,8 +177,10 @@ class Legend:
             self._write(scale.text(value), self.RIGHT + 0.02, y - 0.012, 12)
         self._frame.show(np.array(points), np.array(rows))
 
-    def _write(self, text: str, x: float, y: float, size: int) -> None:
+    def _write(self, text: str, x: float, y: float, size: int, *, right: bool = False) -> None:
         place, font, words = coin.SoTranslation(), coin.SoFont(), coin.SoText2()
+        if right:
+            words.justification = coin.SoText2.RIGHT
         place.translation = (x, y, 0.0)
         font.size = size
         font.name = "sans"

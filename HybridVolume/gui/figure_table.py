@@ -51,6 +51,10 @@ class FigureTable:
         self._widget = widget
         self._selected = selected
         self._silent = False
+        font = widget.font()
+        font.setPointSizeF(0.9 * font.pointSizeF())
+        for part in (widget, widget.horizontalHeader()):
+            part.setFont(font)
         widget.setColumnCount(len(columns))
         for number, (title, explanation) in enumerate(columns):
             head = QtGui.QTableWidgetItem(title)
@@ -61,6 +65,7 @@ class FigureTable:
         widget.verticalHeader().hide()
         widget.verticalHeader().setDefaultSectionSize(20)
         widget.setAlternatingRowColors(True)
+        widget.horizontalHeader().setMinimumSectionSize(24)
         widget.itemSelectionChanged.connect(self._tell)
 
     def show(self, rows: Sequence[Sequence[tuple[str, float | None]]]) -> None:

@@ -13,7 +13,7 @@ from PySide import QtCore, QtGui
 from .colour_scale import ColourScale
 
 BINS = 40
-_MARGIN, _ABOVE, _BELOW = 8, 34, 18
+_MARGIN, _ABOVE, _BELOW = 4, 18, 18
 _LEAST = 2
 """Height of a bar of one element, pixels: a single bad one must be seen."""
 
@@ -30,7 +30,7 @@ class Histogram(QtGui.QWidget):
     def __init__(self, clicked: Callable[[float, float], None]) -> None:
         super().__init__()
         self.setObjectName("histogram")
-        self.setMinimumHeight(132)
+        self.setFixedHeight(104)
         self.setToolTip("Scaled Jacobian: 1 is a box, 0 is folded. Click a bar to see its elements")
         self._clicked = clicked
         self._values = np.zeros(0)
@@ -68,7 +68,7 @@ class Histogram(QtGui.QWidget):
             return ""
         one = values[max(0, int(np.ceil(0.01 * len(values))) - 1)]
         return (
-            f"{len(values)} elements: least {values[0]:.3f}, 1 % below {one:.3f}, "
+            f"Scaled Jacobian of {len(values)}: least {values[0]:.3f}, 1 % {one:.3f}, "
             f"median {np.median(values):.3f}"
         )
 
@@ -83,9 +83,7 @@ class Histogram(QtGui.QWidget):
         plot, ink = self._plot(), self.palette().color(QtGui.QPalette.WindowText)
         painter.setPen(ink)
         top = QtCore.QRectF(_MARGIN, 0, plot.width(), 17)
-        painter.drawText(top, QtCore.Qt.AlignLeft | QtCore.Qt.AlignVCenter, "Scaled Jacobian")
-        second = QtCore.QRectF(_MARGIN, 16, plot.width(), 17)
-        painter.drawText(second, QtCore.Qt.AlignLeft | QtCore.Qt.AlignVCenter, self.figures)
+        painter.drawText(top, QtCore.Qt.AlignLeft | QtCore.Qt.AlignVCenter, self.figures)
         if self._scale is not None and len(self._values):
             self._draw_bars(painter, plot)
         painter.setPen(ink)

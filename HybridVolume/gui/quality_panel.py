@@ -28,23 +28,26 @@ from .work import is_deleted
 WIDTH = 470
 """Of the dock, pixels."""
 
+OTHERS, LEAST_TABLE, MOST_TABLE = 575, 150, 520
+"""Pixels: height of what is above, beside and below the tables, and of the tables."""
+
 FACE_COLUMNS = (
     ("Face", "CAD face"),
-    ("Elements", "Elements of the shell under the face"),
-    ("Quality", "Smallest scaled Jacobian under the face"),
+    ("El.", "Elements of the shell under the face"),
+    ("J", "Smallest scaled Jacobian under the face"),
     ("w0", "Level that the inner boundary reaches, in the mean"),
-    ("asked", "What was reached of the level that was asked, in the mean"),
-    ("mm min", "Smallest distance of the inner boundary from the body's surface"),
+    ("share", "What was reached of the level that was asked, in the mean"),
+    ("mm min", "Smallest distance of the inner boundary from the body's surface, mm"),
     ("mean", "Mean distance, mm"),
     ("max", "Largest distance, mm"),
 )
 LAYER_COLUMNS = (
     ("Layer", "1 is at the faces"),
-    ("Elements", "Elements of the layer"),
-    ("Quality", "Smallest scaled Jacobian in the layer"),
+    ("El.", "Elements of the layer"),
+    ("J", "Smallest scaled Jacobian in the layer"),
     ("1 %", "Scaled Jacobian that 1 % of the elements do not exceed"),
     ("median", "Median of the scaled Jacobian"),
-    ("mm min", "Smallest height of the layer along its columns"),
+    ("mm min", "Smallest height of the layer along its columns, mm"),
     ("mean", "Mean height, mm"),
     ("max", "Largest height, mm"),
 )
@@ -53,7 +56,7 @@ WORST_COLUMNS = (
     ("Element", "Number of the element in the shell"),
     ("Face", "CAD face above it"),
     ("Layer", "1 is at the faces"),
-    ("Quality", "Scaled Jacobian"),
+    ("J", "Scaled Jacobian"),
     ("Proved bound", "det J is nowhere below it, in units of the element's mean edges"),
 )
 
@@ -150,7 +153,9 @@ class QualityPanel:
         form.worst.toggled.connect(lambda *_: self._show_worst())
         form.worstCount.valueChanged.connect(lambda *_: self._count_worst())
         form.whole.clicked.connect(self._show_all)
-        form.certified.setStyleSheet("font-weight: bold;")
+        # FreeCAD gives a panel the height that it asks for: all of it shall be seen at once
+        room = FreeCADGui.getMainWindow().height() - OTHERS
+        form.tabs.setFixedHeight(max(LEAST_TABLE, min(room, MOST_TABLE)))
 
     def _show_result(self) -> None:
         """Draw the result and fill the tables."""
@@ -290,8 +295,8 @@ class QualityPanel:
         level, depth = float(inner.level @ area), inner.thickness
         asked = float(inner.goal @ area)
         self.form.reached.setText(
-            f"w0 {level:.3f} of {asked:.3f} asked; thickness {depth.min():.3g} to "
-            f"{depth.max():.3g} mm, mean {float(depth @ area):.3g} mm"
+            f"w0 {level:.3f} of {asked:.3f} asked; {depth.min():.3g} to {depth.max():.3g} mm "
+            f"thick, mean {float(depth @ area):.3g}"
         )
 
     def _count_worst(self) -> None:

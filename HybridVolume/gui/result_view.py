@@ -281,11 +281,8 @@ class ResultScene:
             # what follows the plane is cut by it: not its own section
             separator(self._clip.node, self._outer.node, self._bottom.node, core),
         )
-        self._glass_cut = ClipNode()
         self._with_marks = switch(
-            *(self._blocks.node, self._block_rims.node, self._labels),
-            separator(self._glass_cut.node, self._glass.node),
-            on=False,
+            *(self._blocks.node, self._block_rims.node, self._labels, self._glass.node), on=False
         )
         middle = cells.flat.mean(axis=0)
         self.root = separator(
@@ -336,8 +333,7 @@ class ResultScene:
             mm.
         """
         self._plane = None if normal is None else (np.asarray(normal, dtype=float), distance)
-        for one in (self._clip, self._glass_cut):
-            one.set(normal, distance)
+        self._clip.set(normal, distance)
         self._show_cut()
 
     def mark(
@@ -387,13 +383,14 @@ class ResultScene:
         elements = np.zeros(0, dtype=int) if self.layers is None else cells.of_layers(*self.layers)
         cut, rims = cells.section(elements, normal, distance)
         facing = np.broadcast_to(-normal, cut.points.shape)
-        self._cut.show(cut.points, cut.parts, facing, self._cut_colours(cut))
+        self._cut.show(cut.points, cut.facing(-normal), facing, self._cut_colours(cut))
         self._cut_rims.show(rims.points, rims.parts)
         for node in (self._core_cut.node, self._core_rims.node):
             turn(node, self.core)
         if self.core:
             cut, rims = self._core_cells.section(normal, distance)
-            self._core_cut.show(cut.points, cut.parts, np.broadcast_to(-normal, cut.points.shape))
+            facing = np.broadcast_to(-normal, cut.points.shape)
+            self._core_cut.show(cut.points, cut.facing(-normal), facing)
             self._core_rims.show(rims.points, rims.parts)
 
     def _cut_colours(self, cut: Any) -> np.ndarray:
@@ -439,10 +436,10 @@ class ResultScene:
         away = cells.normals[element][points.shape[0] // 2, points.shape[1] // 2, 0]
         low, high = self.box
         place, font, words = coin.SoTranslation(), coin.SoFont(), coin.SoText2()
-        place.translation = tuple(middle + 0.015 * np.linalg.norm(high - low) * away)
-        font.size, font.name = 15.0, "sans"
+        place.translation = tuple(middle + 0.03 * np.linalg.norm(high - low) * away)
+        font.size, font.name = 16.0, "sans:bold"
         words.string = text
         on_top = coin.SoAnnotation()
-        for node in (unlit(), look((0.55, 0.0, 0.0)), place, font, words):
+        for node in (unlit(), look((0.05, 0.0, 0.0)), place, font, words):
             on_top.addChild(node)
         self._labels.addChild(on_top)
