@@ -19,12 +19,14 @@ from scipy.spatial import cKDTree
 
 from ..errors import FileFormatError
 from .atomic import replacing
-from .goals import DEEPEST, Thickness
+from .front import column_frame
+from .goals import DEEPEST, SAMPLES, THINNEST, TORN, Thickness, local_radius
 from .harmonic import HarmonicField
 from .isosurface import genus_from_euler, isosurface_cuts, isosurface_euler
+from .midstructure.distances import SurfaceDistance
 from .surface import PatchSurface
 from .tetmesh import TetMesh
-from .thickness import HIGHEST, distance_to_triangles, surface_places
+from .thickness import HIGHEST, surface_places
 
 LEVELS = 16
 """Levels at which the thickness is known beforehand."""
@@ -32,8 +34,6 @@ LEVELS = 16
 PLACES = 2500
 """Places of the surface at which the thickness is taken, about."""
 
-# Places from which the distance of the field's vertices to the surface is taken.
-_DENSE = 40_000
 # Rounds of averaging that even out factors between faces.
 _ROUNDS = 6
 
@@ -73,8 +73,8 @@ class FieldView:
         The field: 0 on the surface, 1 on the midstructure.
     distance : (n,) array
         Of each vertex to the surface, mm.
-    middle : (n,) array
-        Of each vertex to the midstructure, mm.
+    radius : (n,) array
+        The local radius, half the body's thickness, at the nearest place of the surface, mm.
     face : (n,) int array
         The nearest CAD face, as a place in ``faces``.
     faces : (f,) array of str
@@ -97,7 +97,7 @@ class FieldView:
     tets: np.ndarray
     w: np.ndarray
     distance: np.ndarray
-    middle: np.ndarray
+    radius: np.ndarray
     face: np.ndarray
     faces: np.ndarray
     places: np.ndarray
@@ -111,11 +111,10 @@ class FieldView:
     def of(cls, field: HarmonicField, surface: PatchSurface) -> FieldView:
         """Take what is needed from a field in a body."""
         vertices = field.mesh.vertices
-        dense, _, patch = surface_places(surface, _DENSE)
-        near, place = cKDTree(dense).query(vertices)
-        on_faces = field.mesh.boundary_triangles
-        distance = np.minimum(near, distance_to_triangles(vertices, vertices, on_faces))
-        distance[field.mesh.on_boundary] = 0.0
+        feet = SurfaceDistance(surface, SAMPLES).nearest(vertices)
+        distance = np.where(field.mesh.on_boundary, 0.0, feet.distance)
+        frame = column_frame(surface)
+        node = cKDTree(frame.nodes).query(feet.points)[1]
         names = np.array([p.face for p in surface.patches])
         faces = np.array(list(dict.fromkeys(names.tolist())))
         number = {name: k for k, name in enumerate(faces.tolist())}
@@ -126,8 +125,8 @@ class FieldView:
             tets=field.mesh.tets,
             w=field.w,
             distance=distance,
-            middle=cKDTree(vertices[field.fixed]).query(vertices)[0],
-            face=of_patch[patch[place]],
+            radius=local_radius(surface, frame)[node],
+            face=of_patch[feet.patch],
             faces=faces,
             places=places,
             area=area,
@@ -180,7 +179,7 @@ class FieldView:
 
     @property
     def _deepest(self) -> float:
-        return min(DEEPEST, self.largest_w0) or DEEPEST
+        return self.stops_at(DEEPEST)
 
     # What is asked for, as a function that is 1 on the inner boundary.
 
@@ -223,7 +222,7 @@ class FieldView:
         if thickness.kind == "even":
             return self.distance / (thickness.value * factor)
         if thickness.kind == "share":
-            radius = np.maximum(self.distance + self.middle, np.finfo(float).tiny)
+            radius = np.maximum(self.radius, THINNEST * self.radius.mean())
             return self.distance / (thickness.value * factor * radius)
         return self.w / (self.level(Thickness(thickness.kind, thickness.value)) * factor)
 
@@ -300,6 +299,17 @@ class FieldView:
     def genus_at(self, thickness: Thickness) -> tuple[int, ...]:
         """Genus of every component of the inner boundary, sorted."""
         return genus_from_euler(isosurface_euler(self.mesh, self.function(thickness), 1.0))
+
+    def stops_at(self, level: float) -> float:
+        """How far the shell goes where a level is asked, as `goals.usable_level` decides.
+
+        Parameters
+        ----------
+        level : float
+        """
+        if TORN * level <= self.largest_w0 < level:
+            return self.largest_w0
+        return level
 
     def same_genus(self, genus: Sequence[int]) -> bool:
         """Whether an inner boundary of these genera looks like the body."""

@@ -21,7 +21,7 @@ from HybridVolume.objects.volume import inputs_of, options_of, set_status
 from HybridVolume.objects.volume_editor import VolumeEditor
 from HybridVolume.sources import global_shape
 
-from . import messages, preferences
+from . import messages, preferences, red_places
 from .dock import WideDock
 from .face_factors import FaceFactors, face_names
 from .runner import Callbacks, Runner
@@ -32,7 +32,7 @@ from .work import NO_ENVIRONMENT, environment_setup, is_deleted, waiting
 
 ORDERS = (("Second", "second order"), ("First", "first order"))
 
-WIDTH = 340
+WIDTH = 370
 """Of the dock, in pixels."""
 
 
@@ -199,7 +199,7 @@ class TaskPanel:
     def _fill_form(self, size: float) -> None:
         form = self.form
         chosen = preferences.load()
-        form.body.setText(self._source.Label)
+        form.thicknessBox.setTitle(f"Shell thickness of {self._source.Label}")
         methods = METHODS if self._volume else [name for name in METHODS if name != "own"]
         form.method.addItems([method.replace("-", " ") for method in methods])
         form.order.addItems([text for _, text in ORDERS])
@@ -224,7 +224,6 @@ class TaskPanel:
             # what it is to be is decided in its own panel
             form.method.setCurrentIndex(METHODS.index(self._volume.Midstructure.Method))
             form.method.hide()
-            form.layersLayout.addWidget(form.midstructure, 2, 1)
             kept = self._volume.Midstructure.Kept
             found = f"{sum(kept)} of {len(kept)} sheets" if kept else "not found yet"
             form.midstructure.setText(f"{found}...")
@@ -322,6 +321,7 @@ class TaskPanel:
 
     def _read(self) -> None:
         """Take the faces of the body; refused solids are named, the others go on."""
+        red_places.clear()
         with waiting():
             self._fingerprint, bodies = self._editor.read()
         for _, body in bodies:

@@ -10,31 +10,14 @@ from typing import Any
 from PySide import QtCore
 
 KINDS = (
-    (
-        "Level w0",
-        "Level w0",
-        "Share of the way from the faces (0) to the middle of the body (1): thin where the body "
-        "is thin.",
-    ),
-    (
-        "Even",
-        "Even thickness",
-        "The same everywhere, as far as the body is thick enough.",
-    ),
-    (
-        "Mean",
-        "Mean thickness",
-        "One level w0 everywhere, chosen so that the shell is so thick in the mean.",
-    ),
-    (
-        "Minimum",
-        "Smallest thickness",
-        "One level w0 everywhere, chosen so that the shell is nowhere thinner than that.",
-    ),
+    ("Level w0", "Level w0", "0 is at the faces, 1 in the middle: thin where the body is thin."),
+    ("Even", "Even thickness", "The same everywhere that the body is thick enough."),
+    ("Mean", "Mean thickness", "One level w0 everywhere, so thick in the mean."),
+    ("Minimum", "Smallest thickness", "One level w0 everywhere, nowhere thinner than that."),
     (
         "Share of radius",
         "Share of the local radius",
-        "Per cent of half the body's thickness, at each place: 100 % would reach the middle.",
+        "Of half the body's thickness at each place; 100 % would reach the middle.",
     ),
 )
 """Choices of ``ThicknessKind``, as the list shows them, and what the line below says."""

@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 import FreeCAD
 import FreeCADGui
+import numpy as np
 from PySide import QtCore, QtGui
 
 from HybridVolume.errors import HybridVolumeError
 from HybridVolume.job import Job
 from HybridVolume.objects.volume import CHILDREN, inputs_of, source_fingerprint
 
-from .isosurface_view import PLAIN, SCALE, WRONG, IsosurfaceView, colours_of
+from .colour_scale import packed, thickness_scale
+from .isosurface_view import IsosurfaceView
 from .rule_sliders import timer
 from .runner import Callbacks, Runner
 from .work import environment_setup, is_deleted
@@ -26,6 +28,9 @@ if TYPE_CHECKING:
     from HybridVolume.core.goals import Thickness
 
 COLOURS = ("by thickness", "plain")
+PLAIN = (0.22, 0.48, 0.84)
+WRONG = (0.86, 0.12, 0.10)
+"""Of an inner boundary that no shell can reach, as it does not look like the body."""
 SETTINGS_OF_FIELD = ("Midstructure.", "Tolerance", "Source")
 """Beginnings of the names of what a field depends on."""
 
@@ -89,7 +94,6 @@ class ThicknessPreview:
         form.colour.activated.connect(lambda *_: self._draw_soon.start())
         form.showInner.toggled.connect(self._toggle)
         form.legend.setPixmap(_legend())
-        form.warning.setStyleSheet("color: #c92a2a; font-weight: bold;")
         FreeCAD.addDocumentObserver(self)
         self._tell("", "")
 
@@ -260,12 +264,12 @@ class ThicknessPreview:
         figures, warning, wrong = self._sentences(thickness, inner)
         top = float(self._field.distance.max())
         plain = self._form.colour.currentIndex() == 1
-        if wrong:
-            colours = WRONG
+        if wrong or plain:
+            colours = packed(np.tile(WRONG if wrong else PLAIN, (len(inner.vertices), 1)))
         else:
-            colours = PLAIN if plain else colours_of(inner.distance, 0.0, top)
+            colours = thickness_scale(top).packed(inner.distance)
         self._view.show(inner, colours)
-        self._tell(figures, warning)
+        self._tell(figures, warning, wrong=wrong)
         self._show_legend(not (wrong or plain), top)
         FreeCADGui.updateGui()
         self._form.setProperty("previewSeconds", time.perf_counter() - began)
@@ -283,29 +287,33 @@ class ThicknessPreview:
         """Figures, a warning, and whether no shell can look like that."""
         field = self._field
         least, mean, most = field.figures(inner)
-        text = f"Shell {least:.3g} to {most:.3g} mm thick, {mean:.3g} mm in the mean."
+        if most - least < 0.01 * most:
+            text = f"Shell {mean:.3g} mm thick."
+        else:
+            text = f"Shell {least:.3g} to {most:.3g} mm thick, {mean:.3g} mm in the mean."
         level = field.level(thickness)
-        if level is not None and thickness.kind != "w0":
-            text += f" That is w0 = {level:.2f}."
-        if level is not None and level <= field.largest_w0:
-            share = {"mean": mean, "min": least}.get(thickness.kind, thickness.value)
-            if share < 0.97 * thickness.value:
-                return text, f"The body is too thin for {thickness}: this is the most.", False
-            return text, "", False
-        genus = field.genus_at(thickness)
-        if not field.same_genus(genus):
-            return text, _genus_sentence(field, level, genus), True
-        share, faces = field.short(thickness, inner)
-        if share > 0.01:
-            where = f" at {_listed(faces)}" if faces else ""
-            return text, (
+        if level is None:
+            share, faces = field.short(thickness, inner)
+            where = f" ({_listed(faces)})" if faces and share < 0.9 else ""
+            warning = (
                 f"The body is too thin for that on {100 * share:.0f} % of its surface{where}: "
                 "the shell is thinner there."
-            ), False  # fmt: skip
+            )
+            return text, warning if share > 0.01 else "", False
+        if thickness.kind == "w0":
+            genus = field.genus_at(thickness) if level > field.largest_w0 else field.genus
+            wrong = not field.same_genus(genus)
+            return text, _genus_sentence(field, level, genus) if wrong else "", wrong
+        text += f" That is w0 = {level:.2f}."
+        reached = mean if thickness.kind == "mean" else least
+        if reached < 0.97 * thickness.value:
+            return text, f"The body is too thin for {thickness}: this is the most.", False
         return text, "", False
 
-    def _tell(self, figures: str, warning: str) -> None:
+    def _tell(self, figures: str, warning: str, *, wrong: bool = False) -> None:
         form = self._form
+        colour = "#c92a2a" if wrong else "#d9480f"
+        form.warning.setStyleSheet(f"color: {colour}; font-weight: bold;")
         for label, text in ((form.figures, figures), (form.warning, warning)):
             label.setText(text)
             label.setVisible(bool(text))
@@ -320,20 +328,19 @@ class ThicknessPreview:
         form.legendHigh.setText(f"{top:.3g} mm")
 
 
-def _genus_sentence(field: FieldView, level: float | None, genus: Sequence[int]) -> str:
-    body = [int(g) for g in field.genus]
+def _genus_sentence(field: FieldView, level: float, genus: Sequence[int]) -> str:
+    """Why no shell can reach a level."""
+    body = field.genus.tolist()
     if len(genus) > len(body):
         what = f"falls into {len(genus) - len(body) + 1} pieces"
     elif len(genus) < len(body):
         what = f"has {len(genus)} parts, the body {len(body)}"
     else:
         what = f"has genus {_words(genus)}, the body {_words(body)}"
-    if level is None:
-        return f"So deep the inner boundary {what}: the shell will stop before."
-    return (
-        f"Above w0 = {field.largest_w0:.2f} the inner boundary {what}: "
-        f"the shell will stop at {field.largest_w0:.2f}."
-    )
+    stop, at = field.stops_at(level), f"At w0 = {level:.2f} the inner boundary {what}"
+    if stop < level:
+        return f"{at}: the shell will stop at {stop:.2f}."
+    return f"{at}. The shell is drawn to there all the same."
 
 
 def _words(genus: Sequence[int]) -> str:
@@ -349,8 +356,8 @@ def _legend() -> Any:
     """The scale of colours as a picture."""
     picture = QtGui.QPixmap(200, 10)
     gradient = QtGui.QLinearGradient(0, 0, picture.width(), 0)
-    for k, colour in enumerate(SCALE):
-        gradient.setColorAt(k / (len(SCALE) - 1), QtGui.QColor.fromRgbF(*colour))
+    for place, colour in thickness_scale(1.0).stops:
+        gradient.setColorAt(place, QtGui.QColor.fromRgbF(*colour))
     painter = QtGui.QPainter(picture)
     painter.fillRect(QtCore.QRect(QtCore.QPoint(), picture.size()), gradient)
     painter.end()
