@@ -54,21 +54,22 @@ def write_brep(surface: PatchSurface, path: str | os.PathLike) -> None:
     Raises
     ------
     FaultError
-        The faces do not close a solid.
+        The faces do not close a solid of the body's volume.
     """
     import Part
 
     from HybridVolume.errors import FaultError
 
-    faces = [_part_face(surface, k) for k in range(len(surface.patches))]
-    sewn = Part.makeShell(faces)
-    sewn.sewShape(1e-6 * surface.diagonal)
-    shells = sorted(sewn.Shells, key=lambda shell: -abs(Part.Solid(shell).Volume))
-    outer = shells[0] if Part.Solid(shells[0]).Volume > 0 else shells[0].reversed()
-    cavities = [s.reversed() if Part.Solid(s).Volume > 0 else s for s in shells[1:]]
-    solid = Part.makeSolid(Part.makeCompound([outer, *cavities])) if cavities else Part.Solid(outer)
-    if not (solid.isClosed() and len(solid.Faces) == len(faces)):
-        raise FaultError(f"sewing gave no closed solid of {len(faces)} faces")
+    shells = []
+    for number in range(surface.shells):
+        members = np.flatnonzero(surface.shell_of_patch == number)
+        sewn = Part.makeShell([_part_face(surface, k) for k in members])
+        sewn.sewShape(1e-6 * surface.diagonal)
+        shells += sewn.Shells
+    solid = Part.makeSolid(Part.makeCompound(shells)) if len(shells) > 1 else Part.Solid(shells[0])
+    missed = abs(solid.Volume / surface.volume() - 1.0)
+    if not solid.isClosed() or len(solid.Faces) != len(surface.patches) or missed > 1e-3:
+        raise FaultError(f"sewing {len(surface.patches)} faces gave no solid of their volume")
     solid.exportBrep(str(path))
 
 
