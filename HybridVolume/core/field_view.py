@@ -9,9 +9,11 @@ a fraction of a second (section 3.2, "isosurface genus").
 from __future__ import annotations
 
 import os
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
+from zipfile import BadZipFile
 
 import numpy as np
 from scipy import sparse
@@ -166,7 +168,7 @@ class FieldView:
         try:
             with np.load(path, allow_pickle=False) as file:
                 values = {f.name: file[f.name] for f in fields(cls)}
-        except (OSError, ValueError, KeyError) as error:
+        except (OSError, EOFError, ValueError, KeyError, BadZipFile, zlib.error) as error:
             raise FileFormatError(
                 f"{os.path.basename(path)} holds no field ({error})", remedy="compute it again"
             ) from error
