@@ -80,6 +80,8 @@ GRIDS = (1, 2)
 MOST_PLACES = 200
 """Places that an error names."""
 REMEDY = "use --method certified"
+WHY = "its control points, not its points, are drawn to the level"
+"""Why the inner surface of this method is not at its level."""
 
 
 def check_wishes(thickness: str, face_factors: Mapping[str, float], spacing: str) -> None:

@@ -23,7 +23,7 @@ from .interior import Interior
 from .intersection import self_intersections
 from .levels import Spacing
 from .midstructure import Midstructure, Search, find_midstructure
-from .paper import check_wishes, paper_field, paper_shell
+from .paper import WHY, check_wishes, paper_field, paper_shell
 from .reached import expected_figures, isosurface_figures, layer_heights, reached_figures
 from .refinement import flatten_spans
 from .shell import Shell
@@ -259,7 +259,7 @@ def complete(
             "isosurface": isosurface_figures(
                 field, body, float(shell.goal.max()) if len(shell.goal) else options.w0
             ),
-            **reached_figures(shell, options.goal),
+            **reached_figures(shell, options.goal, WHY if options.method == "paper" else ""),
         },
     )
 

@@ -121,7 +121,7 @@ def figures_by_face(shell: Shell, inner: InnerSurface) -> list[dict[str, Any]]:
     ]
 
 
-def reached_figures(shell: Shell, thickness: Thickness) -> dict[str, Any]:
+def reached_figures(shell: Shell, thickness: Thickness, why: str = "") -> dict[str, Any]:
     """What was asked and what was reached, as plain values for the report.
 
     Parameters
@@ -129,6 +129,8 @@ def reached_figures(shell: Shell, thickness: Thickness) -> dict[str, Any]:
     shell : Shell
     thickness : Thickness
         That was asked for.
+    why : str
+        The reason for all faces, where it is known from the way in which the shell was made.
 
     Returns
     -------
@@ -161,7 +163,7 @@ def reached_figures(shell: Shell, thickness: Thickness) -> dict[str, Any]:
         )
     for row, reason in zip(rows, _reasons(shell, frame, goal, faces.names), strict=True):
         if row["share"] < 1.0 - NEAR:
-            row["reason"] = reason
+            row["reason"] = why or reason
     whole = faces.whole(inner.thickness)
     figures = {"w0": faces.whole(inner.level), "thickness": whole}
     wants = {"w0": faces.whole(inner.goal)["mean"]}
