@@ -10,7 +10,9 @@ import pytest
 
 from HybridVolume.core import bspline
 from HybridVolume.core.assembly import build_surface
+from HybridVolume.core.bezier import bernstein
 from HybridVolume.core.check import check_surface
+from HybridVolume.core.column_samples import column_samples
 from HybridVolume.core.cones import most_inward
 from HybridVolume.core.front import column_frame
 from HybridVolume.core.growth import _nodal_matrix, _polynomial_correction
@@ -154,16 +156,21 @@ def test_most_inward_direction_of_a_cube_corner():
 
 
 @pytest.mark.parametrize("eps", [1e-9, 0.4])
-def test_energy_gradient_matches_differences(eps):
-    surface = flatten_spans(surface_of(bodies.torus()))
+@pytest.mark.parametrize(
+    ("body", "share"), [(bodies.torus(), 0.3), (bodies.wedge(), 0.1), (bodies.cylinder(), 0.1)]
+)
+def test_energy_gradient_matches_differences(body, share, eps):
+    surface = flatten_spans(surface_of(body))
     frame = column_frame(surface)
     nodal = _nodal_matrix(surface)
     bulge = _polynomial_correction(surface, frame.nodes, nodal)
     rng = np.random.default_rng(5)
-    d = bulge + 0.3 * frame.direction + 1e-3 * rng.normal(size=bulge.shape)
+    d = frame.direction + 3e-3 * rng.normal(size=bulge.shape)
+    d *= share * frame.smooth(frame.spacing, 3, least=True)[:, None]
     free = rng.uniform(size=len(d)) < 0.4
+    base = surface.control_points + bulge
     energy = ColumnEnergy(
-        surface, _Slope(), np.full(len(d), 0.4), np.full(len(d), 0.3), 3, nodal, d,
+        surface, base, _Slope(), np.full(len(d), 0.4), np.full(len(d), 0.3), 3, nodal, d,
         free=free, fidelity=3.0,
     )  # fmt: skip
     energy.add_samples(energy.elements[:4], 6)
@@ -171,7 +178,7 @@ def test_energy_gradient_matches_differences(eps):
     flat = energy.start()
     assert energy.least_determinant(flat) > 0.0
     direction = rng.normal(size=flat.shape)
-    step = 1e-6
+    step = 1e-7
     _, gradient = energy(flat)
     difference = (energy(flat + step * direction)[0] - energy(flat - step * direction)[0]) / 2
     assert gradient @ direction == pytest.approx(difference / step, rel=1e-6)
@@ -180,9 +187,72 @@ def test_energy_gradient_matches_differences(eps):
 class _Slope:
     """A field whose level rises linearly along z."""
 
-    def evaluate(self, points):
+    def evaluate_near(self, points, near):
         gradient = np.tile([0.0, 0.0, 0.2], (len(points), 1))
-        return 0.5 + 0.2 * points[:, 2], gradient, np.ones(len(points), dtype=bool)
+        return 0.5 + 0.2 * points[:, 2], gradient, np.ones(len(points), dtype=bool), near
+
+
+def test_samples_agree_with_the_shell():
+    """det A times det S is det J of the shell that the samples stand for."""
+    for body in (bodies.cylinder(), bodies.box(spans=(2, 2, 1))):
+        surface = flatten_spans(surface_of(body))
+        frame, nodal = column_frame(surface), _nodal_matrix(surface)
+        base = surface.control_points + _polynomial_correction(surface, frame.nodes, nodal)
+        d = 0.1 * frame.direction
+        knots = bspline.clamped_knots(3, 1)
+        layers = uniform_layers(base, d, 3, knots)
+        layers[0] = surface.control_points
+        shell = Shell(surface, layers, 3, knots)
+        uv, w = np.array([0.0, 0.3, 1.0]), np.array([0.0, 0.25, 1.0])
+        reference = np.full(len(d), 0.1)
+        batches = {
+            number: batch.determinants(number, uv, w)
+            for batch in map(_Batch, shell.bezier_elements())
+            for number in batch.batch.element
+        }
+        for samples in column_samples(
+            surface, base, reference, 3, uv, w, np.arange(surface.element_count)
+        ):
+            least = samples.least(d)
+            _, s_u, s_v = surface.element_samples(uv, uv, samples.element).surface(
+                surface.control_points
+            )
+            size = 0.1 * np.linalg.norm(np.cross(s_u, s_v), axis=1).reshape(len(least), 9, 1)
+            for row, number in enumerate(samples.element):
+                relative = batches[number] / size[row]
+                assert least[row] == pytest.approx(relative.min(), rel=1e-9)
+
+
+class _Batch:
+    """det J of Bézier elements by the derivatives of their homogeneous control points."""
+
+    def __init__(self, batch):
+        self.batch = batch
+
+    def determinants(self, number, uv, w):
+        """At (u, v) rows of the surface's grid and levels w, (9, 3)."""
+        row = int(np.flatnonzero(self.batch.element == number)[0])
+        net = self.batch.control_points[row]
+        weight = np.ones(net.shape[:3])
+        if self.batch.weights is not None:
+            weight = self.batch.weights[row]
+        net = np.concatenate([net * weight[..., None], weight[..., None]], axis=-1)
+        lines = (uv, uv, w)
+
+        def at(orders):
+            tables = [
+                bernstein(degree, x, k)
+                for degree, x, k in zip(self.batch.degrees, lines, orders, strict=True)
+            ]
+            return np.einsum("ai,bj,ck,ijkd->abcd", *tables, net)
+
+        value = at((0, 0, 0))
+        point = value[..., :3] / value[..., 3:]
+        parts = [at(tuple(int(i == k) for i in range(3))) for k in range(3)]
+        parts = [(p[..., :3] - point * p[..., 3:]) / value[..., 3:] for p in parts]
+        det = np.einsum("...i,...i->...", np.cross(parts[0], parts[1]), parts[2])
+        # the element's first direction is v; rows of the surface's grid run over u first
+        return det.transpose(1, 0, 2).reshape(9, 3)
 
 
 def test_surface_check_lets_sound_bodies_pass():

@@ -100,14 +100,18 @@ class _Grower:
         self.frame: ColumnFrame = column_frame(surface)
         self.area = self.frame.area / self.frame.area.sum()
         self.nodal = _nodal_matrix(surface)
-        self.bulge = _polynomial_correction(surface, self.frame.nodes, self.nodal)
+        # feet of the columns: all layers but the outermost stand on them
+        self.base = surface.control_points + _polynomial_correction(
+            surface, self.frame.nodes, self.nodal
+        )
         self.reach = 0.3 * self.frame.spacing
         self.grids = [_TestGrid(surface, cells) for cells in GRIDS]
         # where even the outer surface is cut by its own coarse triangles, they tell nothing
         self.grids = [grid for grid in self.grids if grid.outer_embedded] or self.grids[-1:]
 
     def shell(self, d: np.ndarray) -> Shell:
-        layers = uniform_layers(self.surface.control_points, d, self.degree_w, self.knots_w)
+        layers = uniform_layers(self.base, d, self.degree_w, self.knots_w)
+        layers[0] = self.surface.control_points
         return Shell(self.surface, layers, self.degree_w, self.knots_w)
 
     def check(self, d: np.ndarray, target: np.ndarray) -> _State:
@@ -117,7 +121,7 @@ class _Grower:
         # far from valid there is nothing to be learnt from crossings
         if certificate.invalid + certificate.undecided <= 0.02 * self.surface.element_count:
             crossing = self.crossing_elements(shell)
-        inner = self.nodal @ (self.surface.control_points + d)
+        inner = self.nodal @ (self.base + d)
         w, _, _ = self.field.evaluate(inner)
         mean = float(self.area @ w)
         rms = float(np.sqrt(self.area @ (w - mean) ** 2))
@@ -138,7 +142,7 @@ class _Grower:
 
     def front(self, goal: np.ndarray) -> np.ndarray:
         """Displacements of the control points to the solved front at given levels."""
-        return self.bulge + solve_front(self.surface, self.frame, self.field, goal)
+        return solve_front(self.surface, self.frame, self.field, goal)
 
     def off(self, state: _State, goal: np.ndarray) -> float:
         """Root mean square distance from the levels, as a share of their mean."""
@@ -146,7 +150,7 @@ class _Grower:
 
     def reference(self, d: np.ndarray) -> np.ndarray:
         """Thickness at the control points that the elements should have, from columns ``d``."""
-        along = self.frame.mean_normal_length(d - self.bulge)
+        along = self.frame.mean_normal_length(d)
         usable = along > 0
         floor = 0.1 * np.median(along[usable]) if usable.any() else 0.1
         floor = np.minimum(floor, 0.5 * self.frame.spacing)
@@ -163,6 +167,7 @@ class _Grower:
         """Energy of the columns ``d``, all or some of them free."""
         return ColumnEnergy(
             self.surface,
+            self.base,
             self.field,
             target,
             reference,
@@ -210,8 +215,8 @@ class _Grower:
         self, d: np.ndarray, target: np.ndarray, near: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Draw columns back to half their thickness along the most inward direction."""
-        along = np.maximum(self.frame.mean_normal_length(d - self.bulge), 0.1 * self.frame.spacing)
-        straight = self.bulge + 0.5 * along[:, None] * self.frame.direction
+        along = np.maximum(self.frame.mean_normal_length(d), 0.1 * self.frame.spacing)
+        straight = 0.5 * along[:, None] * self.frame.direction
         share = near[:, None]
         return (1.0 - share) * d + share * straight, target * (1.0 - 0.4 * near)
 
@@ -285,7 +290,7 @@ class _Grower:
         """The thickest of the thin straight shells that is proved, and the last one tried."""
         spacing = self.frame.smooth(self.frame.spacing, 3, least=True)
         for share in THIN_STARTS:
-            d = self.bulge + (share * spacing)[:, None] * self.frame.direction
+            d = (share * spacing)[:, None] * self.frame.direction
             state = self.check(d, np.ones(len(d)))
             if state.accepted:
                 return state, state
@@ -472,11 +477,12 @@ def _layered(
     """Cut the columns into layers and prove all elements once more; notes where that failed."""
     surface, degree = grower.surface, grower.degree_w
     knots = bspline.clamped_knots(degree, layers)
-    columns = (surface.control_points, best.d, degree, knots)
-    heights = grower.frame.mean_normal_length(best.d - grower.bulge)
+    columns = (grower.base, best.d, degree, knots)
+    heights = grower.frame.mean_normal_length(best.d)
     notes: list[str] = []
     for wanted in dict.fromkeys((spacing, Spacing("distance"))):
-        points = spaced_layers(*columns, surface, wanted, heights)
+        points = spaced_layers(*columns, surface, wanted, heights, grower.nodal)
+        points[0] = surface.control_points
         shell = Shell(surface, points, degree, knots)
         certificate = certify(shell.bezier_elements())
         if certificate.all_valid:

@@ -142,6 +142,10 @@ class HarmonicField:
         inside : (k,) bool array
         """
         tet, barycentric, inside = self.locate(points)
+        return *self._at(tet, barycentric), inside
+
+    def _at(self, tet: np.ndarray, barycentric: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """w and its gradient from barycentric coordinates."""
         corners = self.mesh.tets[tet]
         w = np.einsum("kj,kj->k", barycentric, self.w[corners])
         share = np.clip(barycentric, 0.0, 1.0)
@@ -151,7 +155,34 @@ class HarmonicField:
             self.tet_gradient[tet][:, None],
             self.gradient[corners],
         )
-        return w, np.einsum("kj,kji->ki", share, values), inside
+        return w, np.einsum("kj,kji->ki", share, values)
+
+    def evaluate_near(
+        self, points: np.ndarray, near: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """As :meth:`evaluate`, starting from the tetrahedra of an earlier call for as many points.
+
+        Parameters
+        ----------
+        points : (k, 3) array
+        near : (k,) int array or None
+            The last array of that call.
+
+        Returns
+        -------
+        w, gradient, inside
+            As :meth:`evaluate` gives them.
+        tet : (k,) int array
+        """
+        if near is None:
+            tet, barycentric, inside = self.locate(points)
+        else:
+            tet, barycentric, inside = self._walk(points, near)
+            # where the walk ends at the boundary the answer must not depend on its start
+            lost = np.flatnonzero(~inside)
+            if len(lost):
+                tet[lost], barycentric[lost], inside[lost] = self.locate(points[lost])
+        return *self._at(tet, barycentric), inside, tet
 
     def isosurface_euler(self, level: float) -> np.ndarray:
         """Euler characteristic of every component of {w = level}, the largest last."""

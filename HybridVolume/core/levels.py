@@ -8,6 +8,7 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import sparse
 
 from ..errors import InputError
 from . import bspline
@@ -112,6 +113,7 @@ def spaced_layers(
     surface: PatchSurface,
     spacing: Spacing | None = None,
     heights: np.ndarray | None = None,
+    nodal: sparse.csr_matrix | None = None,
 ) -> np.ndarray:
     """Layers whose knots w_k stand where the spacing wants the layers to end.
 
@@ -128,6 +130,9 @@ def spaced_layers(
     heights : (n,) array, optional
         How far each column reaches across the surface, mm: a leaning one is longer. Its length
         otherwise.
+    nodal : (n, n) sparse matrix, optional
+        Polynomial B-splines at the Greville points: volumes are then measured between these points
+        and not on the net, which lies off the surface where a span is large.
 
     Returns
     -------
@@ -138,7 +143,10 @@ def spaced_layers(
         return uniform_layers(points, displacement, degree, knots)
     sites = _sites(degree, knots)
     if spacing.kind == "volume":
-        wanted = _equal_volumes(surface, points, displacement, sites)
+        feet, ways = points, displacement
+        if nodal is not None:
+            feet, ways = nodal @ points, nodal @ displacement
+        wanted = _equal_volumes(surface, feet, ways, sites)
     else:
         count = len(bspline.breakpoints(knots)) - 1
         ratio = np.full(len(points), spacing.value)
