@@ -394,6 +394,11 @@ def coefficients_by_products(nets: DeterminantNets) -> tuple[np.ndarray, np.ndar
     return values, gamma(roundings) * nets.magnitude * (1.0 + 1e-12) + UNDERFLOW
 
 
+def halving_matrix(degree: int) -> np.ndarray:
+    """De Casteljau at 1/2: coefficients of both halves below each other, exact entries."""
+    return _halves(degree)
+
+
 @lru_cache(maxsize=64)
 def _halves(degree: int) -> np.ndarray:
     """De Casteljau at 1/2, both halves: (2 (degree + 1), degree + 1), entries exact (dyadic)."""
