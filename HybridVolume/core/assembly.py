@@ -172,9 +172,10 @@ def _match_weights(nets: list[Net], met: Meetings, gap: float) -> None:
             remedy="rebuild the faces with matching weights or raise --tolerance",
         )
     plain = np.array([not np.ptp(net.weights) for net in nets])
+    level = np.array([np.log(net.weights).mean() for net in nets])
     first = None
     for fixed in (plain, np.zeros(len(nets), dtype=bool)):
-        factor = _factors(met.pairs, jump, fixed)
+        factor = _factors(met.pairs, jump, fixed, level)
         left = np.abs(jump + factor[met.pairs[:, 0]] - factor[met.pairs[:, 2]])
         twisted = np.expm1(left) * size / 4.0 > gap
         if not twisted.any():
@@ -191,11 +192,19 @@ def _match_weights(nets: list[Net], met: Meetings, gap: float) -> None:
             remedy="rebuild the faces with equal weights at their corners",
         )
     for k in np.flatnonzero(np.abs(factor) > 1e-15):
-        nets[k].weights = nets[k].weights * np.exp(factor[k])
+        # exp2 is exact for whole numbers
+        power = factor[k] / np.log(2.0)
+        whole = np.abs(power - np.round(power)) < 1e-14
+        nets[k].weights = nets[k].weights * np.exp2(np.round(power) if whole else power)
 
 
-def _factors(pairs: np.ndarray, jump: np.ndarray, fixed: np.ndarray) -> np.ndarray:
-    """Logarithms of the patches' factors, spread from fixed patches, or from one of each shell.
+def _factors(
+    pairs: np.ndarray, jump: np.ndarray, fixed: np.ndarray, level: np.ndarray
+) -> np.ndarray:
+    """Logarithms of the patches' factors, spread from fixed patches.
+
+    A shell without one spreads from its first patch, and a power of two, which keeps all bits of
+    the weights, then brings their mean near to 1: the weights inside will be 1.
 
     Parameters
     ----------
@@ -204,33 +213,32 @@ def _factors(pairs: np.ndarray, jump: np.ndarray, fixed: np.ndarray) -> np.ndarr
         What the other patch needs more than the first.
     fixed : (np,) bool array
         Patches with factor 1.
+    level : (np,) array
+        Mean logarithm of the weights.
     """
     count = len(fixed)
     factor = np.zeros(count)
-    if not np.any(np.abs(jump) > 1e-15):
-        return factor
     source = np.concatenate([pairs[:, 0], pairs[:, 2]])
     target = np.concatenate([pairs[:, 2], pairs[:, 0]])
-    step = np.concatenate([jump, -jump])
     graph = sparse.coo_matrix((np.ones(len(source)), (source, target)), shape=(count, count))
-    _, shell = sparse.csgraph.connected_components(graph, directed=False)
-    # a shell without a fixed patch starts at its first one
-    alone = ~np.isin(shell, shell[fixed])
-    seeds = fixed.copy()
-    seeds[np.unique(np.where(alone, shell, -1), return_index=True)[1]] |= True
-    seeds &= fixed | alone
-    # one more node from which all seeds hang, without a jump
-    rows = np.concatenate([source, np.full(seeds.sum(), count)])
-    columns = np.concatenate([target, np.flatnonzero(seeds)])
-    tree = sparse.csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(count + 1,) * 2)
-    order, before = sparse.csgraph.breadth_first_order(tree, count)
-    key, chosen = np.unique(source * count + target, return_index=True)
-    reached = order[before[order] >= 0]
-    reached = reached[before[reached] < count]
-    steps = step[chosen[np.searchsorted(key, before[reached] * count + reached)]]
-    for k, last, more in zip(reached, before[reached], steps, strict=True):
-        factor[k] = factor[last] + more
-    return factor
+    shells, shell = sparse.csgraph.connected_components(graph, directed=False)
+    free = ~np.isin(np.arange(shells), shell[fixed])
+    if np.any(np.abs(jump) > 1e-15):
+        first = np.unique(shell, return_index=True)[1]
+        seeds = np.concatenate([np.flatnonzero(fixed), first[free]])
+        # one more node from which all seeds hang
+        rows = np.concatenate([source, np.full(len(seeds), count)])
+        columns = np.concatenate([target, seeds])
+        tree = sparse.csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(count + 1,) * 2)
+        order, before = sparse.csgraph.breadth_first_order(tree, count)
+        inner = order[(before[order] >= 0) & (before[order] < count)]
+        key, chosen = np.unique(source * count + target, return_index=True)
+        step = np.concatenate([jump, -jump])[chosen]
+        steps = step[np.searchsorted(key, before[inner] * count + inner)]
+        for k, last, more in zip(inner, before[inner], steps, strict=True):
+            factor[k] = factor[last] + more
+    mean = np.bincount(shell, factor + level) / np.bincount(shell)
+    return factor - np.where(free, np.log(2.0) * np.round(mean / np.log(2.0)), 0.0)[shell]
 
 
 def _names(nets: list[Net], pairs: np.ndarray) -> list[str]:
@@ -345,7 +353,7 @@ def _oriented(
 
 def _turn_outward(surface: PatchSurface) -> PatchSurface:
     """Outer shell positive and first, cavities negative, by signed volumes."""
-    volumes = surface.shell_volumes()
+    volumes = surface.shell_volumes(settle=False)
     small = np.abs(volumes) <= 1e-12 * surface.diagonal**3
     if small.any():
         shell = int(np.flatnonzero(small)[0])

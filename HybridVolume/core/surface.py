@@ -13,12 +13,14 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy import sparse
 
-from . import bspline
-from .bezier import bernstein
+from .evaluation import Stack, grid_line, grid_places, stacks
 from .sides import meetings
 from .singular import surface_flags
+from .spans import ElementGroup, ElementSamples, element_groups, element_samples
+
+_BLOCK = 50_000
+"""Places that are evaluated at once, which bounds the memory."""
 
 SIDE_DIRECTION = (1, 1, 0, 0)
 """Parameter direction (0 = u, 1 = v) that each side of a patch runs along."""
@@ -88,89 +90,6 @@ class Patch:
     def transposed(self) -> Patch:
         """The same patch with u and v exchanged (its normal turned round)."""
         return Patch(self.face, self.degrees[::-1], self.knots[::-1], self.index.T, self.weights.T)
-
-
-@dataclass(frozen=True)
-class ElementGroup:
-    """All knot spans of one degree pair, ready for vectorised work.
-
-    Attributes
-    ----------
-    degrees : (int, int)
-    element : (ne,) int array
-        Number of each element among all elements of the surface (patch by patch, u then v).
-    patch : (ne,) int array
-    index : (ne, p + 1, q + 1) int array
-        Control points that act on each element.
-    weights : (ne, p + 1, q + 1) array
-        Their B-spline weights.
-    extraction_u, extraction_v : (ne, p + 1, p + 1), (ne, q + 1, q + 1) arrays
-    low, high : (ne, 2) arrays
-        Corners of the knot span.
-    """
-
-    degrees: tuple[int, int]
-    element: np.ndarray
-    patch: np.ndarray
-    index: np.ndarray
-    weights: np.ndarray
-    extraction_u: np.ndarray
-    extraction_v: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-
-    def bezier(self, values: np.ndarray) -> np.ndarray:
-        """Bézier points of every element of B-spline coefficients given per element.
-
-        Parameters
-        ----------
-        values : (ne, p + 1, q + 1, ...) array
-
-        Returns
-        -------
-        array of the same shape
-        """
-        half = np.einsum("eai,eij...->eaj...", self.extraction_u, values)
-        return np.einsum("ebj,eaj...->eab...", self.extraction_v, half)
-
-
-@dataclass(frozen=True)
-class ElementSamples:
-    """Samples of every element as matrices on the control points.
-
-    Rows run element by element, within an element over the (u, v) grid. Derivatives are per unit
-    of the element's own parameter in [0, 1].
-
-    Attributes
-    ----------
-    count : int
-        Samples of one element.
-    values, du, dv : (ne * count, n) sparse matrices
-        Polynomial B-spline functions and derivatives.
-    weighted, weighted_du, weighted_dv : sparse matrices
-        The same, times the weight of each control point.
-    weight, weight_du, weight_dv : (ne * count,) arrays
-        The weight function and its derivatives.
-    """
-
-    count: int
-    values: sparse.csr_matrix
-    du: sparse.csr_matrix
-    dv: sparse.csr_matrix
-    weighted: sparse.csr_matrix
-    weighted_du: sparse.csr_matrix
-    weighted_dv: sparse.csr_matrix
-    weight: np.ndarray
-    weight_du: np.ndarray
-    weight_dv: np.ndarray
-
-    def surface(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Rational surface points and both derivatives, three (ne * count, 3) arrays."""
-        w = self.weight[:, None]
-        x = (self.weighted @ points) / w
-        x_u = (self.weighted_du @ points - x * self.weight_du[:, None]) / w
-        x_v = (self.weighted_dv @ points - x * self.weight_dv[:, None]) / w
-        return x, x_u, x_v
 
 
 @dataclass(frozen=True)
@@ -260,7 +179,7 @@ class PatchSurface:
             found.append((2 - euler) // 2)
         return tuple(found)
 
-    @property
+    @cached_property
     def rational(self) -> bool:
         """Whether any patch is rational."""
         return any(patch.rational for patch in self.patches)
@@ -268,7 +187,7 @@ class PatchSurface:
     @cached_property
     def groups(self) -> tuple[ElementGroup, ...]:
         """The knot spans, one group a degree pair."""
-        return _element_groups(self.patches)
+        return element_groups(self.patches)
 
     @property
     def element_count(self) -> int:
@@ -300,20 +219,28 @@ class PatchSurface:
         polynomial : bool
             Set all weights to 1.
         """
-        patches = self.patches
-        if polynomial:
-            patches = tuple(
-                Patch(p.face, p.degrees, p.knots, p.index, np.ones(p.weights.shape))
-                for p in patches
-            )
-        return PatchSurface(
+        fresh = PatchSurface(
             control_points,
-            patches,
+            self._plain_patches if polynomial else self.patches,
             self.neighbour,
             self.reversed,
             self.shell_of_patch,
             self.moved,
             self.exact,
+        )
+        if not polynomial or not any(patch.weighted for patch in self.patches):
+            # knot spans do not depend on the points
+            fresh.__dict__["groups"] = self.groups
+        return fresh
+
+    @cached_property
+    def _plain_patches(self) -> tuple[Patch, ...]:
+        """The patches with weights 1; those that have them are the same objects."""
+        return tuple(
+            Patch(p.face, p.degrees, p.knots, p.index, np.ones(p.weights.shape))
+            if p.weighted
+            else p
+            for p in self.patches
         )
 
     def evaluate(
@@ -331,35 +258,50 @@ class PatchSurface:
         -------
         (m, 3) array, or with ``derivative=1`` the three arrays x, x_u, x_v
         """
-        p = self.patches[patch]
-        fu, bu = bspline.basis_functions(p.degrees[0], p.knots[0], np.asarray(u, dtype=float))
-        fv, bv = bspline.basis_functions(p.degrees[1], p.knots[1], np.asarray(v, dtype=float))
-        iu = fu[:, None] + np.arange(p.degrees[0] + 1)
-        iv = fv[:, None] + np.arange(p.degrees[1] + 1)
-        pick = (iu[:, :, None], iv[:, None, :])
-        weights = p.weights[pick]
-        points = self.control_points[p.index[pick]]
-        if not p.rational:
-            # equal weights cancel: dividing by them would cost the last bits
-            weights = np.ones_like(weights)
-        homogeneous = np.concatenate([points * weights[..., None], weights[..., None]], axis=-1)
+        u, v = np.asarray(u, dtype=float), np.asarray(v, dtype=float)
+        return self.evaluate_at(np.full(u.shape, patch), u, v, derivative)
 
-        def combine(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-            return np.einsum("ma,mb,mabd->md", left, right, homogeneous)
+    def evaluate_at(
+        self, patch: np.ndarray, u: np.ndarray, v: np.ndarray, derivative: int = 0
+    ) -> np.ndarray | tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points of m places on any patches; patches with the same knots are done together.
 
-        value = combine(bu, bv)
-        w = value[:, 3:]
-        x = value[:, :3] / w if p.rational else value[:, :3]
-        if not derivative:
-            return x
-        _, du = bspline.basis_functions(p.degrees[0], p.knots[0], u, 1)
-        _, dv = bspline.basis_functions(p.degrees[1], p.knots[1], v, 1)
-        first, second = combine(du, bv), combine(bu, dv)
-        return (
-            x,
-            (first[:, :3] - x * first[:, 3:]) / w,
-            (second[:, :3] - x * second[:, 3:]) / w,
-        )
+        Parameters
+        ----------
+        patch : (m,) int array
+        u, v : (m,) arrays
+        derivative : {0, 1}
+
+        Returns
+        -------
+        (m, 3) array, or with ``derivative=1`` the three arrays x, x_u, x_v
+        """
+        patch = np.asarray(patch, dtype=int)
+        stack_of, place = self._stack_of
+        found = np.empty((3 if derivative else 1, len(patch), 3))
+        numbers = stack_of[patch]
+        for number in np.unique(numbers):
+            rows = np.flatnonzero(numbers == number)
+            for part in np.array_split(rows, 1 + len(rows) // _BLOCK):
+                chosen = place[patch[part]]
+                found[:, part] = self._stacks[number].evaluate(
+                    self.control_points, chosen, u[part], v[part], derivative
+                )
+        return tuple(found) if derivative else found[0]
+
+    @cached_property
+    def _stacks(self) -> list[Stack]:
+        """Patches with the same degrees and knots, polynomial and rational ones apart."""
+        return stacks(self.patches)
+
+    @cached_property
+    def _stack_of(self) -> tuple[np.ndarray, np.ndarray]:
+        """Stack of each patch, and its place in it."""
+        number, place = np.zeros((2, len(self.patches)), dtype=int)
+        for k, stack in enumerate(self._stacks):
+            number[stack.members] = k
+            place[stack.members] = np.arange(len(stack.members))
+        return number, place
 
     def evaluate_grid(self, patch: int, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Points of a patch on a tensor grid, (mu, mv, 3)."""
@@ -377,33 +319,39 @@ class PatchSurface:
         elements : (ne,) int array, optional
             Which elements, in this order; all by default.
         """
-        if elements is None:
-            elements = np.arange(self.element_count)
-        return _element_samples(self, np.asarray(u, float), np.asarray(v, float), elements)
+        u, v = np.asarray(u, dtype=float), np.asarray(v, dtype=float)
+        return element_samples(self.groups, len(self.control_points), u, v, elements)
 
-    def _integrate(self, integrand: Callable) -> np.ndarray:
+    def _integrate(self, integrand: Callable, *, settle: bool = True) -> np.ndarray:
         """Integral of a function of (x, x_u, x_v) over each element; more points until it stands.
 
         The first rule is exact for the volume of a polynomial patch.
         """
         first = max(max(g.degrees) for g in self.groups) * 3 // 2 + 2
-        total = self._gauss(integrand, first)
-        if not self.rational:
+        total = self._gauss(integrand, first, np.arange(self.element_count))
+        if not (self.rational and settle):
             return total
+        waiting = np.arange(self.element_count)
         for points in (16, 24, 36):
-            finer = self._gauss(integrand, points)
-            settled = np.abs(finer - total).max() <= 1e-13 * np.abs(finer).sum()
-            total = finer
-            if settled:
+            finer = self._gauss(integrand, points, waiting)
+            moved = np.abs(finer - total[waiting]) > 1e-14 * np.abs(total).sum()
+            total[waiting] = finer
+            waiting = waiting[moved]
+            if not len(waiting):
                 break
         return total
 
-    def _gauss(self, integrand: Callable, points: int) -> np.ndarray:
+    def _gauss(self, integrand: Callable, points: int, elements: np.ndarray) -> np.ndarray:
         x, weight = np.polynomial.legendre.leggauss(points)
         x, weight = 0.5 * (x + 1.0), 0.5 * weight
-        samples = self.element_samples(x, x)
-        values = integrand(*samples.surface(self.control_points))
-        return values.reshape(-1, samples.count) @ np.multiply.outer(weight, weight).ravel()
+        weights = np.multiply.outer(weight, weight).ravel()
+        found = []
+        # blocks bound the memory, whatever the number of elements
+        for block in np.array_split(elements, 1 + len(elements) * points**2 // 400_000):
+            samples = self.element_samples(x, x, block)
+            values = integrand(*samples.surface(self.control_points))
+            found.append(values.reshape(-1, samples.count) @ weights)
+        return np.concatenate(found)
 
     def volume(self) -> float:
         """Enclosed volume, mm³, by Gauss points on every knot span (divergence theorem)."""
@@ -414,11 +362,18 @@ class PatchSurface:
 
         return float(self._integrate(flux).sum())
 
-    def shell_volumes(self) -> np.ndarray:
-        """Signed volume of each shell (cavities are negative), mm³."""
+    def shell_volumes(self, *, settle: bool = True) -> np.ndarray:
+        """Signed volume of each shell (cavities are negative), mm³.
+
+        Parameters
+        ----------
+        settle : bool
+            Rational patches as exactly as others; without it to some digits.
+        """
         centre = self.control_points.mean(axis=0)
         flux = self._integrate(
-            lambda x, xu, xv: np.einsum("mi,mi->m", x - centre, np.cross(xu, xv)) / 3.0
+            lambda x, xu, xv: np.einsum("mi,mi->m", x - centre, np.cross(xu, xv)) / 3.0,
+            settle=settle,
         )
         return np.bincount(self.shell_of_patch[self.element_patch], flux, self.shells)
 
@@ -453,14 +408,13 @@ class PatchSurface:
     def grid_parameters(self, nodes: int | str) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """Grid lines of each patch: ``"greville"``, ``"knots"``, or a number of cells a span."""
 
+        lines: dict[tuple[int, bytes], np.ndarray] = {}
+
         def line(degree: int, knots: np.ndarray) -> np.ndarray:
-            if nodes == "greville":
-                return bspline.greville(degree, knots)
-            values = bspline.breakpoints(knots)
-            cells = 1 if nodes == "knots" else int(nodes)
-            share = np.arange(cells) / cells
-            inner = values[:-1, None] + np.diff(values)[:, None] * share
-            return np.append(inner.ravel(), values[-1])
+            key = (degree, knots.tobytes())
+            if key not in lines:
+                lines[key] = grid_line(degree, knots, nodes)
+            return lines[key]
 
         u = [line(p.degrees[0], p.knots[0]) for p in self.patches]
         v = [line(p.degrees[1], p.knots[1]) for p in self.patches]
@@ -490,21 +444,24 @@ class PatchSurface:
     def _triangulate(
         self, u: list[np.ndarray], v: list[np.ndarray], grids: list[np.ndarray], count: int
     ) -> SurfaceMesh:
-        vertices = np.zeros((count, 3))
-        owner = np.full(count, -1)
-        uv = np.zeros((count, 2))
-        for k in range(len(grids) - 1, -1, -1):
-            flat = grids[k].ravel()
-            uu, vv = np.meshgrid(u[k], v[k], indexing="ij")
-            vertices[flat] = self.evaluate(k, uu.ravel(), vv.ravel())
-            owner[flat] = k
-            uv[flat] = np.column_stack([uu.ravel(), vv.ravel()])
-        cells = [
-            np.stack([g[:-1, :-1], g[1:, :-1], g[1:, 1:], g[:-1, 1:]], axis=-1).reshape(-1, 4)
-            for g in grids
-        ]
-        patch = np.repeat(np.arange(len(grids)), [len(c) for c in cells])
-        quads = np.concatenate(cells)
+        ids = np.concatenate([grid.ravel() for grid in grids])
+        mu, mv = np.array([grid.shape for grid in grids]).T
+        patch, row, column = grid_places(mu, mv)
+        # a point that several patches have is that of the lowest one
+        _, first = np.unique(ids, return_index=True)
+        owner = patch[first]
+        start = np.concatenate([[0], np.cumsum(mu)[:-1]]), np.concatenate([[0], np.cumsum(mv)[:-1]])
+        uv = np.column_stack(
+            [
+                np.concatenate(u)[start[0][owner] + row[first]],
+                np.concatenate(v)[start[1][owner] + column[first]],
+            ]
+        )
+        vertices = self.evaluate_at(owner, *uv.T)
+        patch, row, column = grid_places(mu - 1, mv - 1)
+        corner = (np.cumsum(mu * mv) - mu * mv)[patch] + row * mv[patch] + column
+        across = mv[patch]
+        quads = ids[np.stack([corner, corner + across, corner + across + 1, corner + 1], axis=1)]
         x = vertices[quads]
         along = np.linalg.norm(x[:, 2] - x[:, 0], axis=1)
         across = np.linalg.norm(x[:, 3] - x[:, 1], axis=1)
@@ -515,111 +472,3 @@ class PatchSurface:
         return SurfaceMesh(
             vertices, triangles, np.repeat(patch, 2), owner, uv, tuple(grids), tuple(u), tuple(v)
         )
-
-
-def _element_groups(patches: tuple[Patch, ...]) -> tuple[ElementGroup, ...]:
-    collected: dict[tuple[int, int], list] = {}
-    extracted: dict[tuple, tuple] = {}
-
-    def extraction(degree: int, knots: np.ndarray) -> tuple:
-        key = (degree, knots.tobytes())
-        if key not in extracted:
-            extracted[key] = (*bspline.bezier_extraction(degree, knots), np.unique(knots))
-        return extracted[key]
-
-    start = 0
-    for k, patch in enumerate(patches):
-        p, q = patch.degrees
-        fu, cu, bu = extraction(p, patch.knots[0])
-        fv, cv, bv = extraction(q, patch.knots[1])
-        eu, ev = (a.ravel() for a in np.indices((len(fu), len(fv))))
-        rows = fu[eu][:, None, None] + np.arange(p + 1)[:, None]
-        columns = fv[ev][:, None, None] + np.arange(q + 1)
-        collected.setdefault(patch.degrees, []).append(
-            (
-                start + np.arange(len(eu)),
-                np.full(len(eu), k),
-                patch.index[rows, columns],
-                patch.weights[rows, columns],
-                cu[eu],
-                cv[ev],
-                np.column_stack([bu[eu], bv[ev]]),
-                np.column_stack([bu[eu + 1], bv[ev + 1]]),
-            )
-        )
-        start += len(eu)
-    return tuple(
-        ElementGroup(degrees, *(np.concatenate(parts) for parts in zip(*rows, strict=True)))
-        for degrees, rows in collected.items()
-    )
-
-
-def _subset(group: ElementGroup, place_of: np.ndarray) -> ElementGroup:
-    """The elements of a group that have a place, numbered by their places."""
-    place = place_of[group.element]
-    keep = place >= 0
-    parts = (group.patch, group.index, group.weights, group.extraction_u, group.extraction_v)
-    return ElementGroup(
-        group.degrees, place[keep], *(a[keep] for a in parts), group.low[keep], group.high[keep]
-    )
-
-
-def _element_samples(
-    surface: PatchSurface, u: np.ndarray, v: np.ndarray, elements: np.ndarray
-) -> ElementSamples:
-    ne, n = len(elements), len(surface.control_points)
-    count = len(u) * len(v)
-    place_of = np.full(surface.element_count, -1)
-    place_of[elements] = np.arange(ne)
-    groups = [_subset(group, place_of) for group in surface.groups]
-    counts = np.zeros(ne, dtype=int)
-    for group in groups:
-        counts[group.element] = group.index[0].size if len(group.element) else 0
-    row_start = np.concatenate([[0], np.cumsum(np.repeat(counts, count))])
-    size = row_start[-1]
-    columns = np.zeros(size, dtype=np.int64)
-    data = {name: np.zeros(size) for name in ("n", "u", "v")}
-    factor = np.zeros(size)
-    for group in groups:
-        if not len(group.element):
-            continue
-        p, q = group.degrees
-        local = (p + 1) * (q + 1)
-        lines = {}
-        for name, degree, x, c in (
-            ("u", p, u, group.extraction_u),
-            ("v", q, v, group.extraction_v),
-        ):
-            lines[name] = np.einsum("mi,eij->emj", bernstein(degree, x), c)
-            lines["d" + name] = np.einsum("mi,eij->emj", bernstein(degree, x, 1), c)
-        rows = (group.element[:, None] * count + np.arange(count)).ravel()
-        place = row_start[rows][:, None] + np.arange(local)
-        for name, left, right in (("n", "u", "v"), ("u", "du", "v"), ("v", "u", "dv")):
-            values = np.einsum("emi,ekj->emkij", lines[left], lines[right])
-            data[name][place] = values.reshape(-1, local)
-        shape = (len(group.element), count, local)
-        columns[place] = np.broadcast_to(
-            group.index.reshape(-1, 1, local), shape
-        ).reshape(-1, local)  # fmt: skip
-        factor[place] = np.broadcast_to(
-            group.weights.reshape(-1, 1, local), shape
-        ).reshape(-1, local)  # fmt: skip
-
-    def matrix(values: np.ndarray) -> sparse.csr_matrix:
-        return sparse.csr_matrix((values, columns, row_start), shape=(ne * count, n))
-
-    plain = {name: matrix(values) for name, values in data.items()}
-    weighted = {name: matrix(values * factor) for name, values in data.items()}
-    ones = np.ones(n)
-    return ElementSamples(
-        count,
-        plain["n"],
-        plain["u"],
-        plain["v"],
-        weighted["n"],
-        weighted["u"],
-        weighted["v"],
-        weighted["n"] @ ones,
-        weighted["u"] @ ones,
-        weighted["v"] @ ones,
-    )
