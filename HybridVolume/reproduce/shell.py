@@ -11,19 +11,22 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import json
 import os
 import platform
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from HybridVolume.completion import Screen
 from HybridVolume.errors import HybridVolumeError, InputError, WorkerError
+from HybridVolume.freecad_python import import_freecad
 from HybridVolume.job import Job, worker_python
 
 from .midstructure import BESIDE, EXAMPLES, Entry, body_files, read_entries, write_json
+from .shell_bodies import RIVALS_FILE, SPEED_BODY
 
 if TYPE_CHECKING:
     from HybridVolume.core.surface import SplineFace
@@ -35,7 +38,9 @@ QUICK = ("box_coarse", "L", "wedge_30", "sphere", "torus")
 """Bodies of ``--quick``, at .5 only."""
 LEVEL_BODIES = ("box", "L", "twisted_fichera", "chair_stand")
 """Bodies of the table of layers."""
-SPEED_BODY = "fandisk"
+PAPER_LEVELS = (0.1, 0.3, 0.5, 0.7)
+RIVAL_LEVELS = (0.1, 0.5)
+"""Levels of our shells whose mean thickness other meshers are asked for."""
 LAYERS = 2
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 RUNNING = 2
@@ -137,6 +142,7 @@ def run(options: argparse.Namespace) -> int:
     from HybridVolume.core.pipeline import Options
 
     from .shell_demands import demands
+    from .shell_pictures import draw
     from .shell_table import as_markdown
 
     levels = tuple(options.w0 or (LEVELS if not options.quick else (0.5,)))
@@ -146,6 +152,12 @@ def run(options: argparse.Namespace) -> int:
     bodies, missing = chosen_bodies(options)
     for body in bodies:
         ask(body, levels, everything=not options.quick)
+    bodies += [
+        # the same body without what is under the GPL
+        replace(b, asked={f"{b.name}@0.5-free": {"kind": "free", "w0_asked": 0.5}}, free_only=True)
+        for b in bodies
+        if b.name == SPEED_BODY and 0.5 in levels
+    ]
     folder = Path(options.output)
     (folder / "cases").mkdir(parents=True, exist_ok=True)
     # two bodies at a time, one thread each: their seconds do not depend on one another
@@ -156,15 +168,15 @@ def run(options: argparse.Namespace) -> int:
     found = {
         "version": VERSION,
         "machine": machine(),
-        "seconds": time.perf_counter() - started,
         "missing": missing,
         **runner.collected(bodies),
     }
     found["demands"] = demands(found)
+    found["pictures"] = [] if options.quick else draw(runner, bodies, found["cases"])
+    found["seconds"] = time.perf_counter() - started
     write_json(folder / "shell.json", found)
     text = as_markdown(found)
     (folder / "shell.md").write_text(text, encoding="utf-8")
-    runner.draw(found)
     runner.screen.line(text)
     unmet = [row for row in found["demands"] if row["met"] is False]
     runner.screen.line(f"{folder / 'shell.md'}: {len(unmet)} of {len(found['demands'])} demands "
@@ -233,6 +245,12 @@ def ask(body: Body, levels: Sequence[float], *, everything: bool) -> None:
         add("shape", 0.5)
     if body.name in LEVEL_BODIES:
         add("levels", 0.5)
+    if body.kind == "random" or body.error:
+        return
+    for level in PAPER_LEVELS:
+        add("paper", level)
+    for level in RIVAL_LEVELS:
+        add("rivals", level)
 
 
 class Runner:
@@ -287,14 +305,29 @@ class Runner:
             python=self.python,
             free_only=body.free_only,
         )
+        job.prepare()
+        if any(head["kind"] == "rivals" for head in job.options["asked"].values()):
+            self._write_for_rivals(body, job.folder / RIVALS_FILE)
         job.start()
         return job, body, time.perf_counter()
+
+    def _write_for_rivals(self, body: Body, path: Path) -> None:
+        """Write the body as other meshers read it; without the file they have no answer."""
+        from HybridVolume.core.assembly import build_surface
+
+        from .rivals import write_brep
+
+        import_freecad()
+        try:
+            write_brep(build_surface(list(body.faces)), path)
+        except HybridVolumeError as error:
+            self.screen.line(f"{body.name}: not for other meshers: {error.line}")
 
     def _ended(self, job: CaseJob, body: Body, started: float) -> bool:
         """Whether a body's process is over; cases that it did not make are told."""
         for news in job.poll(wait=0.1):
             if news.stage == "case":
-                self.screen.line(f"{news.text}: {_words(self._read(news.text))}")
+                self.screen.line(f"{news.text}: {_words(self.read(news.text))}")
             else:
                 self.screen.progress(body.name, news)
         spent = time.perf_counter() - started
@@ -341,12 +374,11 @@ class Runner:
         return {
             name: head
             for name, head in body.asked.items()
-            if (self._read(name) or {}).get("key") != key
+            if (self.read(name) or {}).get("key") != key
         }
 
-    def _read(self, name: str) -> dict[str, Any] | None:
-        import json
-
+    def read(self, name: str) -> dict[str, Any] | None:
+        """A case that was written, if it can be read."""
         try:
             return json.loads((self.cases / f"{name}.json").read_text(encoding="utf-8"))
         except (OSError, ValueError):
@@ -354,25 +386,24 @@ class Runner:
 
     def collected(self, bodies: Sequence[Body]) -> dict[str, list[dict[str, Any]]]:
         """All cases, by what was asked."""
-        kinds = {"shell": "cases", "shape": "shape_first", "levels": "layers"}
+        kinds = {"shell": "cases", "shape": "shape_first", "levels": "layers", "paper": "paper",
+                 "rivals": "rivals", "free": "free"}  # fmt: skip
         found: dict[str, list[dict[str, Any]]] = {name: [] for name in kinds.values()}
         for body in bodies:
             for name, head in body.asked.items():
-                case = {**(self._read(name) or {}), "group": body.kind}
+                case = {**(self.read(name) or {}), "group": body.kind}
                 case.pop("key", None)
                 found[kinds[head["kind"]]].append(case)
         return found
-
-    def draw(self, found: Mapping[str, Any]) -> None:
-        """Write the pictures."""
 
 
 def program_digest() -> str:
     """What the program's numbers are made by: cases of another program are done again."""
     digest = hashlib.sha256()
     package = Path(__file__).resolve().parents[1]
-    files = sorted(package.glob("core/**/*.py"))
-    for path in [*files, *sorted(Path(__file__).parent.glob("shell_case.py"))]:
+    own = Path(__file__).parent
+    files = [*sorted(package.glob("core/**/*.py")), own / "shell_case.py", own / "rivals.py"]
+    for path in files:
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
@@ -392,6 +423,10 @@ def _processor_name() -> str:
     return names[0] if names else platform.processor()
 
 
+def _mesh(one: Mapping[str, Any]) -> str:
+    return f"{one['prisms']} prisms" if one["made"] else one["error"]
+
+
 def _words(case: Mapping[str, Any] | None) -> str:
     if not case:
         return "nothing"
@@ -399,6 +434,10 @@ def _words(case: Mapping[str, Any] | None) -> str:
         return f"{case['error']['code']}: {case['error']['message']}"
     if "levels" in case:
         return f"{len(case['levels'])} ways of layers"
+    if "paper" in case:
+        return case["paper"]["error"] or f"{case['paper']['valid']} of {case['paper']['elements']}"
+    if "made" in case:
+        return ", ".join(f"{who}: {_mesh(one)}" for who, one in case["made"].items())
     return (
         f"w0 {case['w0']:.3f}, {case['valid']} of {case['elements']} proved, scaled Jacobian "
         f"{case['min_scaled_jacobian']:.3f} ({case['seconds_cpu']:.1f} s of the processor)"

@@ -83,6 +83,11 @@ LARGE_SHARE = 0.6
 """Least mean level at .7 and .9, as a share of the level asked."""
 RANDOM_ALLOWED = 1
 """Random bodies that may stay without a shell at .5, if they are named."""
+SPEED_BODY = "fandisk"
+SECONDS = {"gmsh": 8.0, "netgen": 15.0}
+"""Field, front, untangling, certificate and test for crossings of that body, by its mesher."""
+RIVALS_FILE = "body.brep"
+"""The body for other meshers, in the job's folder."""
 
 
 @dataclass(frozen=True)

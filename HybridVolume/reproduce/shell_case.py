@@ -27,10 +27,13 @@ from HybridVolume.core.atomic import replacing
 from HybridVolume.core.columns import evaluate_columns, layer_parameters
 from HybridVolume.core.levels import Spacing, spaced_layers
 from HybridVolume.core.pipeline import Options, Stage, field_stage, midstructure_stage
+from HybridVolume.core.reached import inner_figures
 from HybridVolume.core.refinement import split_spans
 from HybridVolume.core.validity import certify, scaled_jacobian
 from HybridVolume.errors import FaultError, HybridVolumeError
 from HybridVolume.worker import Channel, die_with_parent
+
+from .shell_bodies import RIVALS_FILE
 
 if TYPE_CHECKING:
     from HybridVolume.core.harmonic import HarmonicField
@@ -72,6 +75,8 @@ class Bench:
         self.stage: Stage | None = None
         self.field: HarmonicField | None = None
         self.bound: np.ndarray | None = None
+        self.thickness: dict[float, float] = {}
+        self._paper: HarmonicField | None = None
 
     @contextlib.contextmanager
     def _stopped(self, what: str) -> Iterator[list[float]]:
@@ -138,8 +143,11 @@ class Bench:
                 progress=lambda share, text: self.progress("shell", share, f"w0 {w0:g}: {text}"),
                 **more,
             )
+        figures = shell_figures(shell, certificate)
+        if fidelity is None:
+            self.thickness[w0] = figures["thickness"]["mean"]
         return {
-            **shell_figures(shell, certificate),
+            **figures,
             "seconds": spent[0],
             "seconds_cpu": spent[1],
             "seconds_stage": spent[0] + self.seconds["field"],
@@ -172,11 +180,49 @@ class Bench:
                              **_cut_figures(cut)})  # fmt: skip
         return rows
 
+    def paper(self, w0: float) -> dict[str, Any]:
+        """What the paper's own method makes of the body."""
+        from HybridVolume.core.paper import paper_field, paper_figures
+
+        surface, middle = self.stage.surface, self.stage.midstructure
+        if self._paper is None:
+            # where there is no such field, every level says why
+            with contextlib.suppress(HybridVolumeError):
+                self._paper = paper_field(surface, middle)
+        return paper_figures(surface, middle, w0, layers=self.options.layers, field=self._paper)
+
+    def rivals(self, w0: float, path: Path) -> dict[str, Any]:
+        """Boundary layers of other meshers, as thick as our shell is in the mean.
+
+        Parameters
+        ----------
+        w0 : float
+            Level of our shell.
+        path : Path
+            BREP file of the body.
+        """
+        from . import rivals
+
+        if not path.is_file():
+            raise FaultError("the body could not be written for other meshers")
+        thickness = self.thickness.get(w0)
+        if thickness is None:
+            thickness = float(self.shell(w0)["thickness"]["mean"])
+        size = rivals.size_for(self.given.area())
+        return {
+            "thickness_asked": thickness,
+            "size": size,
+            "made": {
+                "netgen": rivals.netgen_layers(path, thickness, size),
+                "gmsh": rivals.gmsh_layers(path, thickness, size),
+            },
+        }
+
 
 def shell_figures(shell: Shell, certificate: Certificate) -> dict[str, Any]:
     """Figures of a shell under the names of shell.json."""
     scaled = scaled_jacobian(shell.bezier_elements())
-    thickness = shell.thickness()
+    inner = inner_figures(shell)
     # an element with the scaled Jacobian 1 belongs to the last bin
     counts, _ = np.histogram(np.clip(scaled, 0.0, 1.0), BINS, (0.0, 1.0))
     return {
@@ -195,9 +241,9 @@ def shell_figures(shell: Shell, certificate: Certificate) -> dict[str, Any]:
         },
         "min_bernstein": float(certificate.min_bernstein.min()),
         "thickness": {
-            "min": float(thickness.min()),
-            "mean": float(thickness.mean()),
-            "max": float(thickness.max()),
+            "min": float(inner.thickness.min()),
+            "mean": float(np.average(inner.thickness, weights=inner.area)),
+            "max": float(inner.thickness.max()),
         },
         "layers": shell.layer_count,
         "notes": list(shell.notes),
@@ -284,7 +330,10 @@ def work(folder: Path, channel: Channel) -> None:
     kinds = {
         "shell": lambda asked: bench.shell(asked["w0_asked"]),
         "shape": lambda asked: bench.shell(asked["w0_asked"], SHAPE_FIRST),
+        "free": lambda asked: bench.shell(asked["w0_asked"]),
         "levels": lambda asked: {"levels": bench.levels(asked["w0_asked"])},
+        "paper": lambda asked: {"paper": bench.paper(asked["w0_asked"])},
+        "rivals": lambda asked: bench.rivals(asked["w0_asked"], folder / RIVALS_FILE),
     }
     for name, asked in options["asked"].items():
         started = time.perf_counter()

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from .shell_bodies import DEMANDS, LARGE_SHARE, RANDOM_ALLOWED, Demand
+from .shell_bodies import DEMANDS, LARGE_SHARE, RANDOM_ALLOWED, SECONDS, SPEED_BODY, Demand
 
 UP_TO = 0.5
 """Levels up to which the mean has to be near the level asked."""
@@ -42,6 +42,7 @@ def demands(found: Mapping[str, Any]) -> list[Row]:
         if demand.shapely and shape:
             rows.append(_shapely(name, shape[0], demand.shapely))
     rows += _random(found["cases"])
+    rows += _speed([*found["cases"], *found.get("free", ())])
     return [row for row in rows if row]
 
 
@@ -156,3 +157,21 @@ def _random(cases: Sequence[Mapping[str, Any]]) -> list[Row]:
             "met": len(lost) <= RANDOM_ALLOWED,
         }
     ]
+
+
+def _speed(cases: Sequence[Mapping[str, Any]]) -> list[Row]:
+    rows = []
+    for case in cases:
+        least = SECONDS.get(case.get("mesher", ""))
+        if case["body"] != SPEED_BODY or case["w0_asked"] != 0.5 or not least:
+            continue
+        spent = case.get("seconds_stage_cpu")
+        rows.append(
+            {
+                "body": case["body"],
+                "demand": f"whole shell stage at .5 within {least:g} s with {case['mesher']}",
+                "figure": "no shell" if spent is None else f"{spent:.1f} s of the processor",
+                "met": spent is not None and spent <= least,
+            }
+        )
+    return rows

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from .shell_bodies import DEMANDS
+from .shell_bodies import DEMANDS, SPEED_BODY
 from .shell_demands import sound
 from .table import table
 
@@ -36,7 +36,6 @@ A case that has no shell is a row, too, with the reason. All is made again by
 METHODS = {
     "paper": "the paper's section 3 as written (`--method paper`)",
     "netgen": "Netgen's boundary layers",
-    "netgen, limited": "Netgen's, with `limit_growth_vectors`",
     "gmsh": "Gmsh's `extrudeBoundaryLayer`",
 }
 
@@ -58,6 +57,7 @@ def as_markdown(found: Mapping[str, Any]) -> str:
     parts.append(_section("Layers", _layers(found["layers"])))
     parts.append(_section("Beside other ways", _rivals(found)))
     parts.append(_section("Time", _speed(found)))
+    parts.append(_section("Pictures", _pictures(found["pictures"])))
     return "\n".join(part for part in parts if part)
 
 
@@ -265,17 +265,18 @@ def _shape(cases: Sequence[Case]) -> str:
 
 
 def _layers(cases: Sequence[Case]) -> str:
-    rows = []
+    # degrees that give the same figures share a row
+    grouped: dict[tuple[str, ...], list[str]] = {}
     for case in cases:
         for row in case.get("levels", ()):
-            rows.append(
-                (
-                    case["body"], _spacing(row), str(row["degree"]),
-                    f"{row['valid']} of {row['elements']}", f"{row['min_scaled_jacobian']:.3f}",
-                    f"{row['volume_ratio_median']:.2f}", f"{row['volume_ratio_max']:.2f}",
-                    " / ".join(f"{height:.3g}" for height in row["heights"]),
-                )
+            cells = (
+                case["body"], _spacing(row),
+                f"{row['valid']} of {row['elements']}", f"{row['min_scaled_jacobian']:.2f}",
+                f"{row['volume_ratio_median']:.2f}", f"{row['volume_ratio_max']:.1f}",
+                " / ".join(f"{height:.2g}" for height in row["heights"]),
             )  # fmt: skip
+            grouped.setdefault(cells, []).append(str(row["degree"]))
+    rows = [(*cells[:2], ", ".join(degrees), *cells[2:]) for cells, degrees in grouped.items()]
     errors = _errors([case for case in cases if case.get("error")])
     if not rows:
         return errors
@@ -300,11 +301,114 @@ def _spacing(row: Mapping[str, Any]) -> str:
 
 
 def _rivals(found: Mapping[str, Any]) -> str:
-    return ""
+    parts = []
+    if found["paper"]:
+        parts.append(_paper(found["paper"], found["cases"]))
+    if found["rivals"]:
+        parts.append(_meshers(found["rivals"], found["cases"]))
+    return "\n".join(parts)
+
+
+def _paper(paper: Sequence[Case], cases: Sequence[Case]) -> str:
+    """Elements that the paper's method leaves unproved, beside ours."""
+    levels = sorted({case["w0_asked"] for case in paper})
+    own = {(case["body"], case["w0_asked"]): case for case in cases}
+    rows: list[tuple[str, ...]] = []
+    reasons: dict[str, str] = {}
+    for name in dict.fromkeys(case["body"] for case in paper):
+        there = {case["w0_asked"]: case for case in paper if case["body"] == name}
+        if any(case.get("error") for case in there.values()):
+            continue
+        cells = []
+        for level in levels:
+            figures = there[level]["paper"] if level in there else None
+            if figures is None or figures["elements"] is None:
+                cells.append("-")
+                if figures and figures["error"]:
+                    reasons[name] = figures["error"]
+            else:
+                bad = figures["elements"] - figures["valid"]
+                least = _optional(figures["min_scaled_jacobian"], 2)
+                cells.append(f"{bad} of {figures['elements']} ({least})")
+        ours = own.get((name, 0.5))
+        told = "" if ours is None else "no shell" if ours.get("error") else (
+            f"{ours['elements'] - ours['valid']} of {ours['elements']} "
+            f"({ours['min_scaled_jacobian']:.2f})"
+        )  # fmt: skip
+        rows.append((name, *cells, told))
+    words = (
+        f"Elements that {METHODS['paper']} leaves inverted or unproved, and in brackets the "
+        "smallest scaled Jacobian of all; in the last column ours at .5.\n\n"
+    )
+    head = ("body", *(f"paper at {level:g}" for level in levels), "ours at 0.5")
+    lines = [f"- {name}: {reason}\n" for name, reason in reasons.items()]
+    return words + table(head, rows) + ("\n" if lines else "") + "".join(lines)
+
+
+def _meshers(rivals: Sequence[Case], cases: Sequence[Case]) -> str:
+    own = {(case["body"], case["w0_asked"]): case for case in cases}
+    rows = []
+    for case in rivals:
+        if case.get("error"):
+            continue
+        ours = own.get((case["body"], case["w0_asked"])) or {}
+        rows.append(
+            (
+                case["body"], f"{case['thickness_asked']:.3g}",
+                "" if not ours.get("elements") else
+                f"{ours['valid']} of {ours['elements']} ({ours['min_scaled_jacobian']:.2f})",
+                *(_layered(case["made"][who]) for who in ("netgen", "gmsh")),
+            )
+        )  # fmt: skip
+    if not rows:
+        return ""
+    words = (
+        f"{METHODS['netgen']} and {METHODS['gmsh']}, asked for two layers that are together as "
+        "thick as our shell at .1 and at .5 in the mean, on about a thousand triangles. Prisms "
+        "that are proved valid, of all: linear, then curved (second order), in brackets the mean "
+        "thickness. Netgen is tried without and with `limit_growth_vectors`, the better answer "
+        "counts.\n\n"
+    )
+    head = ("body", "thickness mm", "ours: elements (scaled Jacobian)", "Netgen", "Gmsh")
+    return words + table(head, rows)
+
+
+def _layered(one: Mapping[str, Any]) -> str:
+    if not one["made"]:
+        return f"no mesh: {one['error']}"
+    cells = []
+    for kind in ("linear", "curved"):
+        figures = one.get(kind)
+        bad = None if figures is None else figures["invalid"] + figures["undecided"]
+        cells.append("-" if bad is None else f"{one['prisms'] - bad}")
+    thickness = one.get("thickness") or {}
+    mean = thickness.get("mean")
+    return f"{', '.join(cells)} of {one['prisms']}" + ("" if mean is None else f" ({mean:.3g} mm)")
 
 
 def _speed(found: Mapping[str, Any]) -> str:
-    return ""
+    rows = []
+    for case in [*found["cases"], *found["free"]]:
+        if case["body"] == SPEED_BODY and case["w0_asked"] == 0.5 and not case.get("error"):
+            rows.append(
+                (
+                    case["body"], case["mesher"], str(case["tets"]),
+                    f"{case['seconds_before']['midstructure']:.1f}",
+                    f"{case['seconds_stage'] - case['seconds']:.1f}", f"{case['seconds']:.1f}",
+                    f"{case['seconds_stage']:.1f}", f"{case['seconds_stage_cpu']:.1f}",
+                )
+            )  # fmt: skip
+    if not rows:
+        return ""
+    head = ("body", "mesher", "tetrahedra", "midstructure s", "field s", "shell s",
+            "field and shell s", "of the processor s")  # fmt: skip
+    return "Seconds on the wall at .5, beside another body:\n\n" + table(head, rows)
+
+
+def _pictures(names: Sequence[str]) -> str:
+    if not names:
+        return ""
+    return f"Beside this text the command writes {', '.join(f'`{name}`' for name in names)}.\n"
 
 
 def _optional(value: float | None, digits: int) -> str:
