@@ -348,7 +348,7 @@ def _oriented(
         shape=(count, count),
     )
     _, shell = sparse.csgraph.connected_components(graph, directed=False)
-    return PatchSurface(points, patches, new_partner, new_reverse, shell, moved, exact)
+    return PatchSurface(points, patches, new_partner, new_reverse, shell, moved, exact, flipped)
 
 
 def _turn_outward(surface: PatchSurface) -> PatchSurface:
@@ -388,6 +388,7 @@ def _turn_outward(surface: PatchSurface) -> PatchSurface:
         shell,
         surface.moved,
         surface.exact,
+        surface.turned ^ wrong,
     )
 
 

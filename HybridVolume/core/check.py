@@ -121,10 +121,9 @@ class _Findings:
         """Note places (m, 2) of a patch; of those close together the worst stays."""
         points = self.surface.evaluate(patch, uv[:, 0], uv[:, 1])
         face = self.surface.patches[patch].face
+        own = self.surface.face_parameters(patch, uv)
         for k in np.argsort(badness, kind="stable")[: 4 * MOST_PLACES]:
-            place = errors.Place(
-                face, float(uv[k, 0]), float(uv[k, 1]), tuple(map(float, points[k])), what
-            )
+            place = errors.Place(face, *own[k].tolist(), tuple(points[k].tolist()), what)
             self.places.append((float(badness[k]), place))
         self.spans.update(int(s) for s in spans)
 
@@ -334,7 +333,8 @@ def _kept(surface: PatchSurface, flags: np.ndarray) -> SingularPlaces:
             flat = lengths[0] > 1e-6 * lengths[1]
             what = "a corner of 180 degrees" if flat else "the derivative vanishes"
             face = surface.patches[patch[e]].face
-            found.append((0.0, errors.Place(face, *map(float, uv), tuple(map(float, x)), what)))
+            own = surface.face_parameters(patch[e], uv[None])[0]
+            found.append((0.0, errors.Place(face, *own.tolist(), tuple(x.tolist()), what)))
     kept = _distinct(found, 1e-6 * surface.diagonal)
     return SingularPlaces(tuple(kept), bool(flags[:, sides[:, 0], sides[:, 1]].any()))
 

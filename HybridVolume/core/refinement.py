@@ -94,6 +94,7 @@ def insert_knots(surface: PatchSurface, wanted: Callable[[int, int], np.ndarray]
         surface.shell_of_patch,
         surface.moved,
         surface.exact | touched,
+        surface.turned,
     )
 
 

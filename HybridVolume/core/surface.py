@@ -146,6 +146,9 @@ class PatchSurface:
         Farthest that welding or an exact conversion moved a control point of the patch, mm.
     exact : (np,) bool array
         True where the patch was converted, elevated or refined (exactly), False: bit for bit.
+    turned : (np,) bool array
+        True where u and v of the CAD face are exchanged, so that the normal points outward; empty
+        where that is not known.
     """
 
     control_points: np.ndarray
@@ -155,6 +158,7 @@ class PatchSurface:
     shell_of_patch: np.ndarray
     moved: np.ndarray = field(default_factory=lambda: np.zeros(0))
     exact: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    turned: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
     @property
     def shells(self) -> int:
@@ -202,6 +206,10 @@ class PatchSurface:
             patch[group.element] = group.patch
         return patch
 
+    def face_parameters(self, patch: int, uv: np.ndarray) -> np.ndarray:
+        """Parameters (m, 2) of a patch as those of its CAD face, shares of its ranges in [0, 1]."""
+        return uv[:, ::-1] if len(self.turned) and self.turned[patch] else uv
+
     @cached_property
     def singular_flags(self) -> np.ndarray:
         """Corners and sides of knot spans where the normal is zero, (ne, 3, 3) bool.
@@ -227,6 +235,7 @@ class PatchSurface:
             self.shell_of_patch,
             self.moved,
             self.exact,
+            self.turned,
         )
         if not polynomial or not any(patch.weighted for patch in self.patches):
             # knot spans do not depend on the points
