@@ -192,6 +192,12 @@ def parser() -> Parser:
         help="draw the stages as well: NAME_field.png, NAME_columns.png, NAME_shell.png, "
         "NAME_level.png, NAME_thickness.png, NAME_histogram.png, NAME_worst.png",
     )
+    p.add_argument(
+        "--singular-lines",
+        action="store_true",
+        help="also take bodies whose own surface is singular along lines (doubled control "
+        "points): det J is zero there and proved positive everywhere else",
+    )
     p.add_argument("--free-only", action="store_true", help="leave the GPL parts out")
     p.add_argument("--version", action="version", version=f"HybridVolume {HybridVolume.version}")
     return p

@@ -306,7 +306,11 @@ class _Writer:
         job = Job(
             body.faces,
             name=body.name,
-            options={**volume.options_of(parameters), "strict_decisions": alone},
+            options={
+                **volume.options_of(parameters),
+                "singular_lines": self._options.singular_lines,
+                "strict_decisions": alone,
+            },
             own=own,
             source={"file": Path(self._options.body).name, "bodies": self._bodies},
             exports=self._exports,

@@ -98,9 +98,11 @@ def check_surface(surface: PatchSurface, *, lines: bool = False) -> SingularPlac
         flags[nets.group.element] = own
         _check_spans(found, nets, own, lines)
     _check_meeting(found, flags)
-    if found.places:
-        raise found.error()
     kept = _kept(surface, flags)
+    if found.places:
+        # whoever rebuilds the faces should know about these as well
+        found.places += [(0.0, place) for place in kept.places]
+        raise found.error()
     if kept.places:
         logger.warning("%s", kept.sentence)
     return kept

@@ -6,13 +6,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from ..errors import FaultError, InputError, SelfIntersectionError
-from .check import check_surface
+from .check import SingularPlaces, check_surface
 from .finite_elements import build_finite_elements
 from .gap import gap_volume
 from .goals import Thickness, check_faces
@@ -75,6 +75,9 @@ class Options:
         Its kind, the ``method`` of `Search`.
     samples, angle, minimum_size, depth, decisions
         As in `Search`.
+    singular_lines : bool
+        Let a surface pass whose normal is zero along lines, where control points are doubled; it
+        is zero in corners of 180 degrees anyway. Everything around is proved.
     strict_decisions : bool
         Refuse a decision that fits no sheet; otherwise it is only told in the report.
     nodes : {"knots", "greville"}
@@ -104,6 +107,7 @@ class Options:
     minimum_size: float = 1.0
     depth: str = "50%"
     decisions: tuple[str, ...] = ()
+    singular_lines: bool = False
     strict_decisions: bool = False
     nodes: str = "knots"
     order: int = 2
@@ -170,11 +174,14 @@ class Stage:
     deviation : float
         Largest distance of the two, mm.
     midstructure : Midstructure
+    singular : SingularPlaces
+        Where the surface itself is singular, and stays so.
     """
 
     surface: PatchSurface
     deviation: float
     midstructure: Midstructure
+    singular: SingularPlaces = SingularPlaces()
 
 
 def complete(
@@ -228,6 +235,8 @@ def complete(
         shell, certificate = paper_shell(body, field, options.w0, **across)
     else:
         shell, certificate = grow_shell(body, field, options.goal, spacing=spacing, **across)
+    if stage.singular.places:
+        shell = replace(shell, notes=(stage.singular.sentence, *shell.notes))
     report("interior", 0.75, f"{certificate.valid} elements proved; interface, core, FEM mesh")
     interface, interior, fem = build_finite_elements(
         shell, nodes=options.nodes, order=options.order, engine=options.engine
@@ -296,7 +305,7 @@ def midstructure_stage(
     check_faces(options.face_factors, surface)
     body = flatten_spans(surface)
     deviation = _deviation(surface, body)
-    check_surface(body)
+    singular = check_surface(body, lines=options.singular_lines)
     _check_uncut(body)
     search = options.search
     kind = "medial axis" if search.method == "auto" else search.method.replace("-", " ")
@@ -310,7 +319,7 @@ def midstructure_stage(
         )
     for decision in found.unmatched:
         logger.warning("%s fits no sheet", decision)
-    return Stage(body, deviation, found)
+    return Stage(body, deviation, found, singular)
 
 
 def field_stage(
