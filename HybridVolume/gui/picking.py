@@ -75,7 +75,8 @@ def _scene(document: str, name: str) -> SheetsScene | None:
     doc = FreeCAD.listDocuments().get(document)
     obj = doc.getObject(name) if doc else None
     view = getattr(obj, "ViewObject", None)
-    return getattr(getattr(view, "Proxy", None), "scene", None)
+    scene = getattr(getattr(view, "Proxy", None), "scene", None)
+    return scene if isinstance(scene, SheetsScene) else None
 
 
 def selected_sheets(obj: Any) -> list[int]:

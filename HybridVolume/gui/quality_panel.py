@@ -36,7 +36,7 @@ FACE_COLUMNS = (
     ("El.", "Elements of the shell under the face"),
     ("J", "Smallest scaled Jacobian under the face"),
     ("w0", "Level that the inner boundary reaches, in the mean"),
-    ("share", "What was reached of the level that was asked, in the mean"),
+    ("share", "What was reached of what was asked, in the mean"),
     ("mm min", "Smallest distance of the inner boundary from the body's surface, mm"),
     ("mean", "Mean distance, mm"),
     ("max", "Largest distance, mm"),
@@ -258,7 +258,7 @@ class QualityPanel:
                 cells += [("...", 0.0)] * 5
             else:
                 level, depth = row["w0"]["mean"], row["thickness"]
-                share = level / max(row["w0_asked"], np.finfo(float).tiny)
+                share = row.get("share", level / max(row["w0_asked"], np.finfo(float).tiny))
                 cells += [(f"{level:.3f}", level), (f"{100.0 * share:.0f} %", share)]
                 cells += [(f"{depth[name]:.3g}", depth[name]) for name in ("min", "mean", "max")]
             rows.append(cells)

@@ -7,6 +7,7 @@ Nothing of it is in the document: nodes are added to the 3D views and taken away
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import FreeCAD
@@ -19,9 +20,11 @@ from HybridVolume.sources import global_shape
 from .coin_nodes import Faces, look, separator, unlit, unpickable
 from .stage import DEVIATION, Added, Hidden, glass
 
-RED = (0.88, 0.05, 0.05)
-FACE_TRANSPARENCY = 0.35
-BALL = 0.007
+RED = (0.85, 0.0, 0.0)
+FACE_RED = (1.0, 0.25, 0.20)
+FACE_TRANSPARENCY = 0.50
+INK = (0.15, 0.05, 0.05)
+BALL = 0.008
 """Radius of a ball, as a share of the body's diagonal."""
 NAMED = 12
 """Places that words stand at, at most."""
@@ -107,7 +110,7 @@ class RedPlaces:
         named = dict.fromkeys([*error.faces, *(place.face for place in error.places)])
         self.faces = [name for name in named if name in known]
         self.balls = min(len(error.places), MOST)
-        root = separator(unpickable(), glass(shape))
+        root = separator(unpickable(), glass(shape, INK, 0.3))
         for name in self.faces:
             root.addChild(self._face(known[name]))
         root.addChild(self._balls(error.places[:MOST]))
@@ -126,39 +129,43 @@ class RedPlaces:
     def _face(self, face: Any) -> Any:
         # a copy: what is tessellated is stored in the shape
         points, triangles = face.copy().tessellate(DEVIATION * self._diagonal)
-        drawn = Faces(smooth=False, colour=RED, transparency=FACE_TRANSPARENCY, crease=0.6)
+        drawn = Faces(smooth=False, colour=FACE_RED, transparency=FACE_TRANSPARENCY, crease=0.6)
         if triangles:
             drawn.show(np.array([tuple(p) for p in points]), np.array(triangles))
         return drawn.node
 
-    def _balls(self, places: Any) -> Any:
-        root = separator(look(RED))
+    def _balls(self, places: Sequence[Place]) -> Any:
+        """Balls that are seen through everything."""
+        on_top = coin.SoAnnotation()
+        on_top.addChild(look(RED))
         ball = coin.SoSphere()
         ball.radius = BALL * self._diagonal
         for place in places:
             at = coin.SoTranslation()
             at.translation = place.point
-            root.addChild(separator(at, ball))
-        return root
+            on_top.addChild(separator(at, ball))
+        return on_top
 
-    def _texts(self, places: Any) -> Any:
-        """Words at places, on top of everything; one for places that cannot be told apart."""
+    def _texts(self, places: Sequence[Place]) -> Any:
+        """Words at places; each fault of a face once, and none on top of another."""
         on_top = coin.SoAnnotation()
-        on_top.addChild(unlit())
-        on_top.addChild(look((0.5, 0.0, 0.0)))
         font = coin.SoFont()
-        font.size, font.name = 14.0, "sans"
-        on_top.addChild(font)
-        written: list[np.ndarray] = []
+        font.size, font.name = 14.0, "sans:bold"
+        for node in (unlit(), look(INK), font):
+            on_top.addChild(node)
+        written: dict[str, np.ndarray] = {}
         for place in places:
-            point = np.array(place.point)
-            near = any(np.linalg.norm(point - x) < 0.05 * self._diagonal for x in written)
-            if near or len(written) == NAMED:
+            text, point = f"{place.face}: {place.what}", np.array(place.point)
+            near = any(np.linalg.norm(point - x) < 0.05 * self._diagonal for x in written.values())
+            if near or text in written or len(written) == NAMED:
                 continue
-            written.append(point)
+            written[text] = point
             at, words = coin.SoTranslation(), coin.SoText2()
-            at.translation = tuple(point + 1.5 * BALL * self._diagonal)
-            words.string = f"{place.face}: {place.what}"
+            at.translation = place.point
+            # to both sides in turn: places often lie in a row
+            left = len(written) % 2 == 0
+            words.justification = coin.SoText2.RIGHT if left else coin.SoText2.LEFT
+            words.string = f"{text}    " if left else f"    {text}"
             on_top.addChild(separator(at, words))
         return on_top
 

@@ -83,7 +83,8 @@ class Result:
     @cached_property
     def by_face(self) -> list[dict[str, Any]]:
         """Level and thickness of each CAD face, as in the report."""
-        return figures_by_face(self.volume.shell, self.inner)
+        known = self.volume.report.get("faces")
+        return known or figures_by_face(self.volume.shell, self.inner)
 
     @property
     def colourings(self) -> list[str]:

@@ -134,8 +134,21 @@ class Stage:
         self._hidden.close()
 
 
-def glass(shape: Any) -> Any:
-    """Nodes for a body that can be looked through and clicked through."""
+def glass(
+    shape: Any,
+    edges: tuple[float, float, float] = EDGE_COLOUR,
+    transparency: float = EDGE_TRANSPARENCY,
+) -> Any:
+    """Nodes for a body that can be looked through and clicked through.
+
+    Parameters
+    ----------
+    shape : Part.Shape
+    edges : (r, g, b)
+        Colour of its edges.
+    transparency : float
+        Of its edges.
+    """
     deviation = DEVIATION * shape.BoundBox.DiagonalLength
     # tessellate stores its triangles in the shape: the document's own must not get coarser
     points, triangles = shape.copy().tessellate(deviation)
@@ -148,11 +161,11 @@ def glass(shape: Any) -> Any:
         unpickable(),
         opaque_nothing(shape.BoundBox.Center),
         *(look(GLASS_COLOUR, GLASS_TRANSPARENCY), two_sided(0.6), coordinates, faces),
-        _edges(shape, deviation),
+        separator(unlit(), look(edges, transparency), *_edges(shape, deviation)),
     )
 
 
-def _edges(shape: Any, deviation: float) -> Any:
+def _edges(shape: Any, deviation: float) -> tuple[Any, ...]:
     points: list[tuple[float, float, float]] = []
     counts: list[int] = []
     for edge in shape.Edges:
@@ -165,5 +178,4 @@ def _edges(shape: Any, deviation: float) -> Any:
     if counts:
         coordinates.point.setValues(0, len(points), points)
         lines.numVertices.setValues(0, len(counts), counts)
-    shown = (coordinates, lines) if counts else ()
-    return separator(unlit(), look(EDGE_COLOUR, EDGE_TRANSPARENCY), *shown)
+    return (coordinates, lines) if counts else ()
