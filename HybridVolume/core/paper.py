@@ -32,16 +32,12 @@ is handed out only where every element is proved valid and the inner surface doe
 
 from __future__ import annotations
 
-import logging
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy import sparse
-from scipy.interpolate import PchipInterpolator
-from scipy.optimize import minimize
 
 from ..errors import (
     HybridVolumeError,
@@ -58,25 +54,13 @@ from .intersection import self_intersections
 from .midstructure import Midstructure
 from .shell import Shell
 from .surface import PatchSurface
-from .tetmesh.door import enclosed_volume
+from .traced import control_net, equal_volume_levels, swept_shell, trace_paths
 from .validity import Certificate, certify, scaled_jacobian
 
-logger = logging.getLogger(__name__)
-
-STEPS = 24
-"""Steps of the paths."""
-SMOOTHING = 0.1
-"""Share of the way to the mean of its neighbours that an end moves in a step."""
-ROUNDS = 60
-"""Corrections in which an end is brought to its isosurface."""
-NEAR = 1e-5
-"""Distance from the level, as a share of it, at which an end stands on its isosurface."""
-ROUNDS_OF_LEVELS = 5
-"""Corrections of the levels W by the volumes of the layers that they give."""
-EVEN = 0.01
-"""Difference of the layers' volumes, as a share, that is small enough."""
 GRIDS = (1, 2)
 """Cells a knot span in the triangulations that are tested for crossings."""
+UNEVEN = 0.05
+"""Difference of the layers' volumes, as a share, that is told."""
 MOST_PLACES = 200
 """Places that an error names."""
 REMEDY = "use --method certified"
@@ -114,30 +98,6 @@ def check_wishes(thickness: str, face_factors: Mapping[str, float], spacing: str
         )
 
 
-def control_net(surface: PatchSurface) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles of the control net, each cell cut along its shorter diagonal (section 3.1).
-
-    Returns
-    -------
-    triangles : (t, 3) int array
-        Numbers of control points; oriented outward.
-    patch : (t,) int array
-    """
-    x = surface.control_points
-    cells = [
-        np.stack([g[:-1, :-1], g[1:, :-1], g[1:, 1:], g[:-1, 1:]], axis=-1).reshape(-1, 4)
-        for g in (patch.index for patch in surface.patches)
-    ]
-    patch = np.repeat(np.arange(len(cells)), [2 * len(c) for c in cells])
-    quads = np.concatenate(cells)
-    along = np.linalg.norm(x[quads[:, 2]] - x[quads[:, 0]], axis=1)
-    across = np.linalg.norm(x[quads[:, 3]] - x[quads[:, 1]], axis=1)
-    other = (across < along * (1.0 - 1e-9))[:, None]
-    first = np.where(other, quads[:, [0, 1, 3]], quads[:, [0, 1, 2]])
-    second = np.where(other, quads[:, [1, 2, 3]], quads[:, [0, 2, 3]])
-    return np.stack([first, second], axis=1).reshape(-1, 3), patch
-
-
 def paper_field(surface: PatchSurface, midstructure: Midstructure) -> HarmonicField:
     """The harmonic function in the control net (section 3.1).
 
@@ -166,36 +126,6 @@ def paper_field(surface: PatchSurface, midstructure: Midstructure) -> HarmonicFi
             places=_net_places(surface, triangles, patch, np.unique(pairs)),
         )
     return solve_on(domain_within((x, triangles), surface, midstructure), surface.genus)
-
-
-def trace_paths(
-    surface: PatchSurface, field: HarmonicField, w0: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Paths along the gradient from all control points, their front smoothed (3.2 and 3.5).
-
-    Parameters
-    ----------
-    surface : PatchSurface
-    field : HarmonicField
-        In the control net.
-    w0 : float
-
-    Returns
-    -------
-    paths : (steps + 1, n, 3) array
-        Ends of the paths at levels 0, w0 / steps, ..., w0; the control points come first.
-    lost : (m,) int array
-        Control points whose paths do not end on the isosurface.
-    """
-    mean = _net_means(surface)
-    x = surface.control_points
-    paths = [x]
-    lost = np.zeros(0, dtype=int)
-    for level in w0 * np.arange(1, STEPS + 1) / STEPS:
-        x, _ = _to_level(field, x, level, surface.diagonal)
-        x, lost = _to_level(field, x + SMOOTHING * (mean @ x - x), level, surface.diagonal)
-        paths.append(x)
-    return np.array(paths), lost
 
 
 def paper_shell(
@@ -319,69 +249,17 @@ def paper_figures(
     return found
 
 
-# --------------------------------------------------------------------------- paths and levels
-
-
-def _net_means(surface: PatchSurface) -> sparse.csr_matrix:
-    """Means over the neighbours in the control net, with weights dual length over length."""
-    n = len(surface.control_points)
-    rows, columns, values = [], [], []
-    for patch in surface.patches:
-        grid = patch.index
-        x = surface.control_points[grid]
-        du = np.linalg.norm(np.diff(x, axis=0), axis=2)
-        dv = np.linalg.norm(np.diff(x, axis=1), axis=2)
-        across_u, across_v = 0.5 * (dv[:-1] + dv[1:]), 0.5 * (du[:, :-1] + du[:, 1:])
-        dual_u = 0.5 * (np.pad(across_u, ((0, 0), (0, 1))) + np.pad(across_u, ((0, 0), (1, 0))))
-        dual_v = 0.5 * (np.pad(across_v, ((0, 1), (0, 0))) + np.pad(across_v, ((1, 0), (0, 0))))
-        for a, b, dual, length in (
-            (grid[:-1], grid[1:], dual_u, du),
-            (grid[:, :-1], grid[:, 1:], dual_v, dv),
-        ):
-            weight = (dual / np.maximum(length, 1e-9 * surface.diagonal)).ravel()
-            rows += [a.ravel(), b.ravel()]
-            columns += [b.ravel(), a.ravel()]
-            values += [weight, weight]
-    places = (np.concatenate(rows), np.concatenate(columns))
-    matrix = sparse.csr_matrix((np.concatenate(values), places), shape=(n, n))
-    return sparse.diags(1.0 / np.asarray(matrix.sum(axis=1)).ravel()) @ matrix
-
-
-def _to_level(
-    field: HarmonicField, points: np.ndarray, level: float | np.ndarray, diagonal: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Bring points along the gradient to their levels; numbers of those that do not come near.
-
-    A point that jumps over its level goes back by half of what the gradient says, and so on: the
-    slope of w itself is not the interpolated one.
-    """
-    x = points.copy()
-    level = np.broadcast_to(np.asarray(level, dtype=float), len(x))
-    share, last = np.ones(len(x)), np.zeros(len(x))
-    active = np.arange(len(x))
-    longest = 0.02 * diagonal
-    for _ in range(ROUNDS):
-        w, gradient, _ = field.evaluate(x[active])
-        gap = level[active] - w
-        far = np.abs(gap) > NEAR * level[active]
-        active, gap, gradient = active[far], gap[far], gradient[far]
-        if not len(active):
-            break
-        share[active] *= np.where(gap * last[active] < 0.0, 0.5, 1.0)
-        last[active] = gap
-        slope = np.maximum(np.linalg.norm(gradient, axis=1), np.finfo(float).tiny)
-        step = share[active] * np.clip(gap / slope, -longest, longest)
-        x[active] += (step / slope)[:, None] * gradient
-    return x, active
-
-
 def _traced_shell(
     surface: PatchSurface, field: HarmonicField, w0: float, layers: int, degree: int
 ) -> tuple[Shell, np.ndarray]:
     """The shell as the paths give it, and the control points whose paths are lost."""
     paths, lost = trace_paths(surface, field, w0)
     knots = bspline.clamped_knots(degree, layers)
-    shell = _swept(surface, field, paths, _levels(surface, field, paths, w0, degree, knots), knots)
+    levels, spread = equal_volume_levels(surface, field, paths, w0, degree, knots)
+    shell = swept_shell(surface, field, paths, levels, knots)
+    notes = ["made by the paper's own method; its field is that of the control net"]
+    if spread > UNEVEN:
+        notes.append("the layers have not the same volume: no levels W for that were found")
     inner = shell.inner_surface().triangulation("greville").vertices
     w, _, _ = field.evaluate(inner)
     area = column_frame(surface).area
@@ -394,106 +272,8 @@ def _traced_shell(
         w0_rms=float(np.sqrt(area @ (w - mean) ** 2)),
         level=w,
         goal=np.full(len(w), float(w0)),
-        notes=("made by the paper's own method; its field is that of the control net",),
+        notes=tuple(notes),
     ), lost
-
-
-def _swept(
-    surface: PatchSurface,
-    field: HarmonicField,
-    paths: np.ndarray,
-    levels: np.ndarray,
-    knots: np.ndarray,
-) -> Shell:
-    """The shell whose control points stand where the paths pass some levels (Eq. 3)."""
-    place = levels / levels[-1] * (len(paths) - 1)
-    low = np.minimum(place.astype(int), len(paths) - 2)
-    share = (place - low)[:, None, None]
-    points = (1.0 - share) * paths[low] + share * paths[low + 1]
-    between = np.flatnonzero(np.abs(place - np.round(place)) > 1e-9)
-    for k in between:
-        points[k], _ = _to_level(field, points[k], levels[k], surface.diagonal)
-    points[0] = surface.control_points
-    degree = len(knots) - len(levels) - 1
-    return Shell(surface, points, degree, knots)
-
-
-def _levels(
-    surface: PatchSurface,
-    field: HarmonicField,
-    paths: np.ndarray,
-    w0: float,
-    degree: int,
-    knots: np.ndarray,
-) -> np.ndarray:
-    """The set W: one for all paths, such that the layers have equal volumes, (nw,)."""
-    count = len(knots) - degree - 1
-    best, least = w0 * np.arange(count) / (count - 1), np.inf
-    breaks = bspline.breakpoints(knots)
-    triangles, _ = control_net(surface)
-    volume = np.array([enclosed_volume(x, triangles) for x in paths])
-    taken = (volume[0] - volume) / (volume[0] - volume[-1])
-    if len(breaks) == 2 or not (np.diff(taken) > 0.0).all():
-        return best
-    # the control nets tell the volume below a level well enough to begin with; then the elements do
-    below = PchipInterpolator(taken, w0 * np.arange(len(paths)) / (len(paths) - 1))
-    splines = bspline.basis_matrix(degree, knots, breaks[1:-1]).toarray()
-    wanted = breaks.copy()
-    for _ in range(ROUNDS_OF_LEVELS):
-        levels = _smoothest(splines, below(wanted[1:-1]) / w0)
-        if levels is None:
-            break
-        sizes = _swept(surface, field, paths, w0 * levels, knots).element_volumes()
-        layer = sizes.reshape(-1, len(breaks) - 1).sum(axis=0)
-        spread = float(np.ptp(layer) / layer.mean())
-        if spread < least:
-            best, least = w0 * levels, spread
-        if spread < EVEN:
-            break
-        reached = np.concatenate([[0.0], np.cumsum(layer)]) / layer.sum()
-        wanted = wanted + breaks - reached
-        if not (np.diff(wanted) > 0.0).all():
-            break
-    logger.info("levels W: volumes of the layers differ by %.2g", least)
-    return best
-
-
-def _smoothest(splines: np.ndarray, values: np.ndarray) -> np.ndarray | None:
-    """Rising spline coefficients from 0 to 1 with given values, their steps as even as can be.
-
-    The steps are a geometric row where that is enough: few values leave the coefficients open.
-
-    Parameters
-    ----------
-    splines : (m, n) array
-        The basis functions at m places.
-    values : (m,) array
-
-    Returns
-    -------
-    (n,) array, or None where there are none
-    """
-
-    def coefficients(logarithms: np.ndarray) -> np.ndarray:
-        steps = np.exp(logarithms - logarithms.max())
-        return np.concatenate([[0.0], np.cumsum(steps) / steps.sum()])
-
-    def uneven(logarithms: np.ndarray) -> float:
-        return float((np.diff(logarithms, 2) ** 2).sum() + 1e-3 * (np.diff(logarithms) ** 2).sum())
-
-    found = minimize(
-        uneven,
-        np.zeros(splines.shape[1] - 1),
-        method="SLSQP",
-        constraints={
-            "type": "eq",
-            "fun": lambda logarithms: splines @ coefficients(logarithms) - values,
-        },
-        options={"maxiter": 200, "ftol": 1e-8},
-    )
-    levels = coefficients(found.x)
-    near = np.abs(splines @ levels - values).max() < 1e-3
-    return levels if near and (np.diff(levels) > 0.0).all() else None
 
 
 # ------------------------------------------------------------------------------ what is refused
@@ -553,30 +333,37 @@ def _faces(surface: PatchSurface, patches: np.ndarray) -> list[str]:
 
 def _element_places(surface: PatchSurface, elements: np.ndarray) -> list[Place]:
     """Middles of some knot spans."""
-    places = []
+    patch, uv = [], []
     for group in surface.groups:
-        for row in np.flatnonzero(np.isin(group.element, elements)):
-            u, v = 0.5 * (group.low[row] + group.high[row])
-            point = surface.evaluate(group.patch[row], np.array([u]), np.array([v]))[0]
-            face = surface.patches[group.patch[row]].face
-            what = "element not proved valid"
-            places.append(Place(face, float(u), float(v), tuple(map(float, point)), what))
-    return places[:MOST_PLACES]
+        rows = np.isin(group.element, elements)
+        patch.append(group.patch[rows])
+        uv.append(0.5 * (group.low[rows] + group.high[rows]))
+    return _places(surface, np.concatenate(patch), np.concatenate(uv), "element not proved valid")
 
 
 def _net_places(
     surface: PatchSurface, triangles: np.ndarray, patch: np.ndarray, crossing: np.ndarray
 ) -> list[Place]:
     """Places on the surface over the first corners of some triangles of the control net."""
-    places = []
+    uv = []
     for k in crossing[:MOST_PLACES]:
         p = surface.patches[patch[k]]
-        i, j = np.argwhere(p.index == triangles[k, 0])[0]
-        u, v = (
-            float(bspline.greville(d, t)[n])
-            for d, t, n in zip(p.degrees, p.knots, (i, j), strict=True)
+        at = np.argwhere(p.index == triangles[k, 0])[0]
+        uv.append(
+            [bspline.greville(d, t)[n] for d, t, n in zip(p.degrees, p.knots, at, strict=True)]
         )
-        point = surface.evaluate(patch[k], np.array([u]), np.array([v]))[0]
-        what = "control net cuts itself"
-        places.append(Place(p.face, u, v, tuple(map(float, point)), what))
-    return places
+    return _places(surface, patch[crossing[:MOST_PLACES]], np.array(uv), "control net cuts itself")
+
+
+def _places(surface: PatchSurface, patch: np.ndarray, uv: np.ndarray, what: str) -> list[Place]:
+    patch, uv = patch[:MOST_PLACES], uv[:MOST_PLACES]
+    points = surface.evaluate_at(patch, uv[:, 0], uv[:, 1])
+    return [
+        Place(
+            surface.patches[k].face,
+            *map(float, surface.face_parameters(k, at[None])[0]),
+            tuple(map(float, x)),
+            what,
+        )
+        for k, at, x in zip(patch, uv, points, strict=True)
+    ]
