@@ -6,7 +6,7 @@
 #
 #   sudo scripts/chroot_check.sh SUITE FOLDER [--shared DIR] [-- COMMAND ...]
 #
-# SUITE is bookworm or trixie; FOLDER is made with debootstrap (about 3.5 GB in the end) and kept:
+# SUITE is bookworm, trixie or a later one; FOLDER is made with debootstrap (about 3.5 GB in the end) and kept:
 # called again, it renews the clone, and what was set up stays. --shared: a folder beside the clone
 # for the tests that read shared data. COMMAND replaces the two commands, e.g. `-- ./test.sh gui`.
 # MIRROR names another mirror. The host's certificates and its apt's Acquire settings are copied.
@@ -27,7 +27,10 @@ project=$(cd -- "$(dirname -- "$(readlink -f -- "${BASH_SOURCE[0]}")")/.." && pw
 mirror=${MIRROR:-http://deb.debian.org/debian}
 
 if [ ! -e "$folder/.made" ]; then
-    debootstrap --variant=minbase "$suite" "$folder" "$mirror"
+    # a suite younger than this debootstrap is made like sid
+    recipe=/usr/share/debootstrap/scripts/$suite
+    [ -e "$recipe" ] || recipe=/usr/share/debootstrap/scripts/sid
+    debootstrap --variant=minbase "$suite" "$folder" "$mirror" "$recipe"
     touch "$folder/.made"
 fi
 folder=$(realpath -- "$folder")
