@@ -30,18 +30,28 @@ SHARES = (0.01, 0.95)
 """Shares of the local radius that may be asked for."""
 DEEPEST = 0.95
 """The highest level that a thickness in mm or a factor leads to: near 1 elements are crushed."""
-CORRECTIONS = 3
+SHALLOWEST = 1e-4
+"""The lowest level that a thickness in mm leads to: at a corner it goes like the third power."""
+CORRECTIONS = 4
 """Solutions of the front by which levels are found that give an even thickness."""
 STEEPEST = 2.0
 """Largest factor of one correction."""
-SECANTS = 6
-"""Most solutions of the front by which the level of a mean or smallest thickness is found."""
+STEPS = 32
+"""Places on a straight column where the level is looked up."""
+LEANING = 0.2
+"""Least share of its length by which a column is taken to lead away from the surface."""
+POWERS = (0.7, 3.0)
+"""Powers of the thickness that the level may go like."""
 CLOSE = 0.01
-"""Logarithm of the thickness within which that is near enough."""
+"""Mean logarithm of the thickness over the one wanted that is near enough."""
 THINNEST = 0.05
 """Smallest thickness that a share of the local radius leads to, as a share of its mean."""
 TORN = 0.05
 """Share of the level asked below which a level with the body's genus is of no use."""
+SECANTS = 6
+"""Most solutions of the front by which the level of a mean or smallest thickness is found."""
+BEHIND = 0.8
+"""Share of its level below which a column of the front tells nothing about the thickness."""
 SAMPLES = 20_000
 """Samples of the surface by which distances to it are found."""
 
@@ -222,8 +232,8 @@ def goal_levels(
     factor = _factors(thickness.factors, surface, frame)
     level = thickness.value
     if thickness.in_mm:
-        level = _level_for(thickness, surface, frame, field)
-        if level >= DEEPEST * (1.0 - 1e-9):
+        level, enough = _level_for(thickness, surface, frame, field)
+        if not enough:
             notes.append(
                 f"the body is too thin for {thickness}; the shell is as thick as it can be"
             )
@@ -346,33 +356,88 @@ def _factors(factors: Mapping[str, float], surface: PatchSurface, frame: ColumnF
 
 def _level_for(
     thickness: Thickness, surface: PatchSurface, frame: ColumnFrame, field: HarmonicField
-) -> float:
-    """The level at which the solved front has the mean or the smallest thickness asked.
+) -> tuple[float, bool]:
+    """The level at which the solved front has the mean or the smallest distance asked.
 
-    A secant in the logarithms: the thickness goes about like a power of the level.
+    Straight columns tell where to begin. The second value is False where even the highest level
+    is not enough.
     """
     _, highest, _ = usable_level(field, surface.genus, DEEPEST)
-    surface_distance = SurfaceDistance(surface, SAMPLES)
-    power = 1.0
-    level = 0.5 * highest
-    before: tuple[float, float] | None = None
-    for _ in range(SECANTS):
-        front = frame.nodes + solve_front(surface, frame, field, np.full(len(frame.nodes), level))
-        reached = surface_distance.nearest(front).distance
-        found = (
-            reached.min() if thickness.kind == "min" else np.average(reached, weights=frame.area)
-        )
-        ratio = thickness.value / max(found, 1e-12 * surface.diagonal)
+    to_surface = SurfaceDistance(surface, SAMPLES)
+    rays = _Rays(frame, field)
+    everywhere = np.ones(len(frame.nodes))
+
+    def off(level: float, *, straight: bool = False) -> float:
+        """Logarithm of the thickness over the one asked."""
+        depth = rays.depth(level)
+        if not straight:
+            front = solve_front(surface, frame, field, level * everywhere)
+            lagging = _lagging(frame, field, front, level * everywhere)
+            reached = to_surface.nearest(frame.nodes + front).distance
+            depth = np.where(lagging, depth, reached)
+        found = depth.min() if thickness.kind == "min" else np.average(depth, weights=frame.area)
         logger.info("w0 = %.4g: %s thickness %.4g mm", level, thickness.kind, found)
-        if abs(np.log(ratio)) < CLOSE or (ratio > 1.0 and level >= highest):
+        return float(np.log(max(found, 1e-12 * surface.diagonal) / thickness.value))
+
+    low, high = SHALLOWEST, highest
+    for _ in range(20):
+        level = float(np.sqrt(low * high))
+        low, high = (low, level) if off(level, straight=True) > 0.0 else (level, high)
+    low, high = SHALLOWEST, highest
+    for _ in range(SECANTS):
+        found = off(level)
+        if abs(found) < CLOSE:
             break
-        if before and abs(np.log(level / before[0])) > 1e-3:
-            power = np.log(found / before[1]) / np.log(level / before[0])
-            power = float(np.clip(power, 0.3, 3.0))
-        before = level, found
-        step = np.clip(ratio ** (1.0 / power), 0.1, 3.0)
-        level = float(np.clip(level * step, LEVELS[0], highest))
-    return level
+        if found < 0.0 and level >= highest:
+            return highest, False
+        low, high = (low, level) if found > 0.0 else (level, high)
+        # the thickness goes about like the level, whatever it is for straight columns
+        level = float(level * np.exp(-found))
+        if level >= high == highest:
+            level = highest
+        elif not low < level < high:
+            level = float(np.sqrt(low * high))
+    return level, True
+
+
+class _Rays:
+    """Straight columns along the most inward directions, far enough to meet every level."""
+
+    def __init__(self, frame: ColumnFrame, field: HarmonicField) -> None:
+        middle = cKDTree(field.mesh.vertices[field.fixed])
+        self._way = 2.0 * middle.query(frame.nodes)[0]
+        self._across = np.maximum(frame.mean_normal_length(frame.direction), LEANING)
+        self._shares = np.arange(STEPS + 1) / STEPS
+        self._w = _levels_along(frame, field, self._way, self._shares)
+
+    def depth(self, level: float) -> np.ndarray:
+        """How far across the surface each column meets a level, or else its highest one, mm."""
+        level = np.minimum(level, self._w[-1])
+        last = (self._w < level).sum(axis=0)  # levels rise along a column
+        first = np.maximum(last - 1, 0)
+        column = np.arange(self._w.shape[1])
+        below, above = self._w[first, column], self._w[last, column]
+        part = np.clip((level - below) / np.maximum(above - below, 1e-300), 0.0, 1.0)
+        share = self._shares[first] + part * (self._shares[last] - self._shares[first])
+        return self._across * self._way * share
+
+
+def _levels_along(
+    frame: ColumnFrame, field: HarmonicField, lengths: np.ndarray, shares: np.ndarray
+) -> np.ndarray:
+    """Highest level so far at shares of straight columns of given lengths, (k, n)."""
+    points = frame.nodes + shares[:, None, None] * (lengths[:, None] * frame.direction)
+    w, _, inside = field.evaluate(points.reshape(-1, 3))
+    w = np.where(inside, w, 0.0).reshape(len(shares), -1)
+    # beyond the midstructure the level falls again
+    return np.maximum.accumulate(w, axis=0)
+
+
+def _lagging(
+    frame: ColumnFrame, field: HarmonicField, front: np.ndarray, goal: np.ndarray
+) -> np.ndarray:
+    """Columns of a front that stay behind their level, as on coarse nets, (n,) bool."""
+    return field.evaluate(frame.nodes + front)[0] < BEHIND * goal
 
 
 def _even(
@@ -380,18 +445,27 @@ def _even(
 ) -> np.ndarray:
     """Levels at which the solved front stands off the surface by given lengths.
 
-    The first guess takes w as linear on the way to the midstructure; then the front is solved and
-    the levels are corrected by the lengths that it gives.
+    The first guess is the level at the places where straight columns of these lengths end; then
+    the front is solved and the levels are corrected by the lengths that it gives.
     """
-    middle = cKDTree(field.mesh.vertices[field.fixed])
-    way = np.maximum(middle.query(frame.nodes)[0], 1e-12 * surface.diagonal)
-    goal = np.clip(length / way, LEVELS[0], DEEPEST)
+    across = np.maximum(frame.mean_normal_length(frame.direction), LEANING)
+    w = _levels_along(frame, field, length / across, np.array([0.5, 1.0]))
+    goal = np.clip(w[-1], SHALLOWEST, DEEPEST)
+    # the level goes like a power of the length: 1 off a face, 2 off an edge, 3 off a corner
+    tiny = 1e-3 * SHALLOWEST
+    rise = np.log2(np.maximum(w[1], tiny) / np.maximum(w[0], tiny))
+    power = frame.smooth(np.clip(rise, *POWERS), 1)
     for _ in range(CORRECTIONS):
-        reached = frame.mean_normal_length(solve_front(surface, frame, field, goal))
-        ratio = length / np.maximum(reached, 1e-12 * surface.diagonal)
-        ratio = np.clip(ratio, 1.0 / STEEPEST, STEEPEST)
-        logger.info("even thickness: off by up to %.3g times", np.exp(np.abs(np.log(ratio))).max())
-        goal = np.clip(goal * np.exp(frame.smooth(np.log(ratio), 1)), LEVELS[0], DEEPEST)
+        front = solve_front(surface, frame, field, goal)
+        reached = np.maximum(frame.mean_normal_length(front), 1e-12 * surface.diagonal)
+        ratio = np.clip(length / reached, 1.0 / STEEPEST, STEEPEST)
+        ratio[_lagging(frame, field, front, goal)] = 1.0
+        off = np.abs(np.log(ratio))
+        logger.info("even thickness: off by up to %.3g times", np.exp(off.max()))
+        if np.average(off, weights=frame.area) < CLOSE:
+            break
+        step = frame.smooth(power * np.log(ratio), 1)
+        goal = np.clip(goal * np.exp(step), SHALLOWEST, DEEPEST)
     return goal
 
 

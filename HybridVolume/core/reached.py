@@ -215,7 +215,9 @@ def sentence(
     else:
         words += f"{figures['mean']:.3g}{unit} in the mean"
         words += f" ({figures['min']:.3g} to {figures['max']:.3g})"
-    if thin:
+    if thickness.kind in ("mean", "min") and share < level["mean"] / asked["w0"] - NEAR:
+        words += "; the body is too thin for more"
+    elif thin:
         words += f"; thinner than asked at {_listed(thin)}"
     thick = sorted((f for f in faces if f["share"] > 1.0 + NEAR), key=lambda f: -f["share"])
     if thick and share > 1.0 + NEAR:
