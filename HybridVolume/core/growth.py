@@ -477,16 +477,21 @@ def _layered(
     """Cut the columns into layers and prove all elements once more; notes where that failed."""
     surface, degree = grower.surface, grower.degree_w
     knots = bspline.clamped_knots(degree, layers)
-    columns = (grower.base, best.d, degree, knots)
     heights = grower.frame.mean_normal_length(best.d)
+    feet = [grower.base]
+    if surface.rational:
+        # near singular corners columns that start at the rational control points themselves hold
+        feet.append(surface.control_points)
     notes: list[str] = []
     for wanted in dict.fromkeys((spacing, Spacing("distance"))):
-        points = spaced_layers(*columns, surface, wanted, heights, grower.nodal)
-        points[0] = surface.control_points
-        shell = Shell(surface, points, degree, knots)
-        certificate = certify(shell.bezier_elements())
-        if certificate.all_valid:
-            return shell, certificate, notes
+        for foot in feet:
+            columns = (foot, grower.base + best.d - foot, degree, knots)
+            points = spaced_layers(*columns, surface, wanted, heights, grower.nodal)
+            points[0] = surface.control_points
+            shell = Shell(surface, points, degree, knots)
+            certificate = certify(shell.bezier_elements())
+            if certificate.all_valid:
+                return shell, certificate, notes
         notes.append("layers of equal height: in the spacing asked not all elements are proved")
     raise errors.ThicknessError(
         f"{certificate.invalid + certificate.undecided} elements are not proved when the shell is"
