@@ -384,7 +384,8 @@ class Job:
 
     def answers(self) -> list[str]:
         """Names of the files that a worker must have written."""
-        names = [REPORT_FILE, *(f"{self.name}.{export}" for export in self.exports)]
+        exported = [file for export in self.exports for file in exported_files(self.name, export)]
+        names = [REPORT_FILE, *exported]
         return [FIELD_FILE if self.goal == "thickness" else RESULT_FILE, *names]
 
     def _read_lines(self) -> None:
