@@ -389,7 +389,9 @@ def test_the_same_from_a_macro(place, python, monkeypatch):
     (body,) = HybridVolume.read_step(write_step(box(), place / "box.step"))
     assert HybridVolume.medial_axis(body, samples=2000).area > 0.1
     news = []
-    volume = HybridVolume.complete(body, w0=0.3, layers=1, progress=news.append)
+    drawn = place / "drawn"
+    volume = HybridVolume.complete(body, w0=0.3, layers=1, pictures=drawn, progress=news.append)
+    assert tree(drawn) == sorted(f"box_{picture}.png" for picture in job.PICTURES)
     assert volume.certificate.all_valid and volume.shell.layer_count == 1
     assert [one.fraction for one in news] == sorted(one.fraction for one in news)
     doc = FreeCAD.newDocument("macro", hidden=True, temp=True)
