@@ -32,8 +32,10 @@ _FUNCTIONS = (
     "edit_midstructure",
     "edit_volume",
     "find_midstructure",
+    "make_analysis",
     "medial_axis",
     "read_step",
+    "recover_stress",
     "to_document",
     "to_fem",
 )

@@ -328,6 +328,55 @@ def to_document(
     return obj
 
 
+def make_analysis(obj: Any, materials_apart: bool = False) -> Any:
+    """Make an analysis of the FEM workbench on a hybrid volume; loads and supports are left to do.
+
+    Parameters
+    ----------
+    obj : App.DocumentObject
+        A hybrid volume, its mesh, or the body it was made of.
+    materials_apart : bool
+        A material for the shell and another for the core.
+
+    Returns
+    -------
+    App.DocumentObject
+        The analysis, with mesh, steel as material, and a CalculiX solver.
+
+    Raises
+    ------
+    InputError
+        There is no mesh, or it is older than its body.
+    """
+    from HybridVolume.objects.analysis import make_analysis as make
+
+    return make(obj, materials_apart=materials_apart)
+
+
+def recover_stress(analysis: Any) -> Any:
+    """Add a result with stresses at the nodes straight from the solver's displacements.
+
+    CalculiX extrapolates the stress of 15-node wedges from inside; these are more accurate.
+
+    Parameters
+    ----------
+    analysis : App.DocumentObject
+        A solved analysis with the mesh of a hybrid volume.
+
+    Returns
+    -------
+    App.DocumentObject
+
+    Raises
+    ------
+    InputError
+        Nothing was solved yet, or the mesh is older than its body.
+    """
+    from HybridVolume.objects.stress import recover_stress as recover
+
+    return recover(analysis)
+
+
 def faces_of(body: Any) -> Sequence[SplineFace]:
     """Faces of anything that :func:`complete` takes.
 
