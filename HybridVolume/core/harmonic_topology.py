@@ -16,13 +16,13 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 
-from .isosurface import critical_vertices, genus_from_euler, isosurface_euler, largest_level
+from .isosurface import critical_vertices, genus_from_euler, isosurface_euler, steady_level
 from .laplace import Laplace
 from .tetmesh import TetMesh
 
 log = logging.getLogger(__name__)
 
-# The highest level at which the isosurface has to look like the body.
+# The highest level up to which all isosurfaces have to look like the body.
 TARGET = 0.9
 ROUNDS = 8
 
@@ -57,7 +57,7 @@ def mend(
         w = laplace.solve(fixed, w)
     best = None
     for _ in range(ROUNDS):
-        level = largest_level(mesh, w, genus_per_shell, TARGET)
+        level = steady_level(mesh, w, genus_per_shell, TARGET)
         if best is None or level > best[0]:
             best = (level, w, fixed)
         if level >= TARGET:

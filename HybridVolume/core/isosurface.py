@@ -198,16 +198,39 @@ def largest_level(
 
     if fits(asked):
         return float(asked)
-    above, below = critical_vertices(mesh, values)
-    turning = ~mesh.on_boundary & ((above != 1) | (below != 1)) & (values < asked)
-    steps = np.concatenate([[0.0], np.unique(values[turning]), [asked]])
-    steps = steps[np.append(True, np.diff(steps) > 1e-6)]
+    steps = _steps(mesh, values, asked)
     # the sum over all components costs nothing: only where it is right they are told apart
     total = total_euler(mesh, values, 0.5 * (steps[:-1] + steps[1:]))
     for k in np.flatnonzero(total == 2 * len(wanted) - 2 * sum(wanted))[::-1]:
         if fits(0.5 * (steps[k] + steps[k + 1])):
             return float(steps[k + 1] - 1e-3 * (steps[k + 1] - steps[k]))
     return 0.0
+
+
+def steady_level(
+    mesh: TetMesh, values: np.ndarray, genus_per_shell: Sequence[int], asked: float
+) -> float:
+    """The level up to which all isosurfaces have these genera together, at most ``asked``.
+
+    A level at which a lost handle and one too many cancel does not count as right.
+
+    Parameters
+    ----------
+    mesh, values, genus_per_shell, asked
+        As for :func:`largest_level`.
+    """
+    steps = _steps(mesh, values, asked)
+    total = total_euler(mesh, values, 0.5 * (steps[:-1] + steps[1:]))
+    wrong = np.flatnonzero(total != 2 * len(genus_per_shell) - 2 * sum(genus_per_shell))
+    return float(steps[wrong[0]] if len(wrong) else asked)
+
+
+def _steps(mesh: TetMesh, values: np.ndarray, asked: float) -> np.ndarray:
+    """Levels of critical vertices between 0 and a level, both ends included."""
+    above, below = critical_vertices(mesh, values)
+    turning = ~mesh.on_boundary & ((above != 1) | (below != 1)) & (values < asked)
+    steps = np.concatenate([[0.0], np.unique(values[turning]), [asked]])
+    return steps[np.append(True, np.diff(steps) > 1e-6)]
 
 
 def total_euler(mesh: TetMesh, values: np.ndarray, levels: np.ndarray) -> np.ndarray:
