@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import os
 import shutil
 import sys
@@ -55,6 +56,9 @@ class Screen:
             self._open = False
 
 
+logger = logging.getLogger(__name__)
+
+
 @dataclass
 class Outcome:
     """What became of one body: its part of the report, or why there is none."""
@@ -102,7 +106,14 @@ def complete_file(options: argparse.Namespace, screen: Screen) -> int:
         writer = _Writer(options, parameters, geometry, output, screen, python, len(bodies))
         outcomes = [writer.complete(body) for body in bodies]
         refused = [outcome for outcome in outcomes if outcome.error]
+        drawn = [
+            writer.draw_refusal(body, outcome.error)
+            for body, outcome in zip(bodies, outcomes, strict=True)
+        ]
         if len(refused) == len(outcomes):
+            if any(drawn):
+                names = ", ".join(output.deliver())
+                screen.line(f"{os.path.relpath(output.path)}: {names} (where it is refused)")
             raise refused[0].error
         check_matched(options.decisions, outcomes)
         writer.save_document(stem)
@@ -290,6 +301,23 @@ class _Writer:
             except HybridVolumeError as error:
                 outcome.error = error
         return outcome
+
+    def draw_refusal(self, body: Any, error: HybridVolumeError | None) -> bool:
+        """Draw where a body is refused, ``NAME_refused.png``; whether there is a picture.
+
+        Only where the error has places. The refusal stands without a picture as well.
+        """
+        if error is None or not error.places:
+            return False
+        from HybridVolume.exports.red_places import write_refusal
+
+        path = self._output.files / f"{body.name}_refused.png"
+        try:
+            write_refusal(path, body.name, body.faces, error, self._python)
+        except (HybridVolumeError, OSError) as fault:
+            logger.info("no picture of the refusal: %s", fault)
+            return False
+        return True
 
     def _complete(self, body: Any) -> dict[str, Any]:
         from HybridVolume.objects import document, own_geometry, volume

@@ -40,6 +40,7 @@ POINTS = 9
 """Samples a direction of every knot span."""
 DEPTH = 7
 """Halvings of a knot span that is not proved at once."""
+LINE = "the derivative vanishes along a line"
 MOST_PLACES = 50
 """So many places an error keeps."""
 
@@ -116,6 +117,7 @@ class _Findings:
         self.places: list[tuple[float, errors.Place]] = []
         self.spans: set[int] = set()
         self.meeting = np.inf
+        self.only_lines = True
 
     def add(
         self, patch: int, uv: np.ndarray, what: str, badness: np.ndarray, spans: Sequence[int] = ()
@@ -128,6 +130,7 @@ class _Findings:
             place = errors.Place(face, *own[k].tolist(), tuple(points[k].tolist()), what)
             self.places.append((float(badness[k]), place))
         self.spans.update(int(s) for s in spans)
+        self.only_lines &= what == LINE
 
     def error(self) -> errors.SingularSurfaceError:
         """The refusal: the worst places, no two of a face next to each other."""
@@ -147,11 +150,13 @@ class _Findings:
                 f" shell can follow them ({told})"
             )
             figure, remedy = count, "rebuild these faces with a regular parametrisation"
+            if self.only_lines:
+                remedy += ", or let singular lines pass (--singular-lines)"
         else:
             x, y, z = kept[0].point
             what = (
-                f"no direction is inward for all faces that meet at ({x:.4g}, {y:.4g}, {z:.4g}) mm"
-                f" (best n . d = {self.meeting:.2g}; {told})"
+                f"no direction is inward for all faces that meet (at ({x:.4g}, {y:.4g}, {z:.4g}) mm"
+                f" the best n . d is {self.meeting:.2g}; {told})"
             )
             figure, remedy = self.meeting, "open the corner or split the body there"
         return errors.SingularSurfaceError(
@@ -203,7 +208,7 @@ def _bad_places(
     sides = [flags[e] for e in edges]
     if any(sides) and not lines:
         middle = np.array([[0.0, 0.5], [1.0, 0.5], [0.5, 0.0], [0.5, 1.0]])[sides]
-        return middle, np.full(len(middle), -2.0), "the derivative vanishes"
+        return middle, np.full(len(middle), -2.0), LINE
     if cosine.min() <= MARGIN:
         bad = np.flatnonzero(cosine <= MARGIN)
         uv = np.column_stack([x[bad // len(x)], x[bad % len(x)]])
@@ -304,7 +309,7 @@ def _check_meeting(found: _Findings, flags: np.ndarray) -> None:
     low, high, patch = _spans(surface)
     own = np.column_stack([x[sample // POINTS], x[sample % POINTS]])
     uv = low[element] + own * (high - low)[element]
-    what = "no direction is inward for all faces"
+    what = "no inward direction"
     for k in np.unique(patch[element]):
         mine = patch[element] == k
         found.add(int(k), uv[mine], what, value[place[rows[mine]]])
