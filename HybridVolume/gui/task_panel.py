@@ -293,11 +293,15 @@ class TaskPanel:
             self._idle(self.form.stage.text() if self._preview.running else "Ready")
 
     def _fail_preview(self, error: HybridVolumeError, log: str) -> None:
-        self._write(f"error: {error.line}")
+        self._write_error(error)
         if log:
             FreeCAD.Console.PrintError(log)
         self._idle("Failed")
         messages.show_error(error, self._source, log)
+
+    def _write_error(self, error: HybridVolumeError) -> None:
+        for line in (f"error: {error.line}", *red_places.lines(error)):
+            self._write(line)
 
     def tell(self, line: str) -> None:
         """Write a line for the user."""
@@ -381,7 +385,7 @@ class TaskPanel:
         )
 
     def _fail(self, error: HybridVolumeError, log: str) -> None:
-        self._write(f"error: {error.line}")
+        self._write_error(error)
         if log:
             FreeCAD.Console.PrintError(log)
         unrelated = ("worker", "environment")
