@@ -89,8 +89,6 @@ class FaceFactors:
         for face, factor in factors.items():
             self._add(face, factor)
         self._title()
-        if factors:
-            self._form.facesToggle.setChecked(True)
 
     # The section.
 
