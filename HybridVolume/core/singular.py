@@ -78,6 +78,7 @@ def _nets(control_points: np.ndarray, group: ElementGroup, rational: bool) -> No
     )
     p, q = group.degrees
     if rational:
+        # at most 1: they do not add to the magnitude
         weights = group.weights / group.weights.max(axis=(1, 2), keepdims=True)
         net = group.bezier(np.concatenate([points * weights[..., None], weights[..., None]], -1))
         totals = (3 * p - 2, 3 * q - 2)
@@ -95,14 +96,13 @@ def _nets(control_points: np.ndarray, group: ElementGroup, rational: bool) -> No
 
     a_u, a_v = at(slopes[0], values[1]), at(values[0], slopes[1])
     # sums of absolute values: sum |B_i'| <= 2 p, sum |B_i| = 1
-    reach = np.abs(net).max(axis=(1, 2, 3))
+    reach = np.abs(net[..., :3]).max(axis=(1, 2, 3))
     magnitude = (6.0 if rational else 2.0) * (2 * p * reach) * (2 * q * reach)
     if rational:
         a = at(values[0], values[1])
         w, w_u, w_v = (x[..., 3:] for x in (a, a_u, a_v))
         a, a_u, a_v = (x[..., :3] for x in (a, a_u, a_v))
         normals = w * np.cross(a_u, a_v) - w_v * np.cross(a_u, a) - w_u * np.cross(a, a_v)
-        magnitude = magnitude * np.maximum(reach, 1.0)
     else:
         normals = np.cross(a_u, a_v)
     inverses = [lobatto_inverse(n) for n in totals]
@@ -126,7 +126,8 @@ def singular_flags(nets: NormalNets) -> np.ndarray:
     c = nets.coefficients
     size = np.abs(c).max(axis=3)
     largest = size.max(axis=(1, 2))
-    zero = size <= np.maximum(VANISHING * largest, nets.error)[:, None, None]
+    # coefficients on sides are those of the side alone: their errors are far below the bound
+    zero = size <= VANISHING * largest[:, None, None]
     flags = np.zeros((len(c), 3, 3), dtype=bool)
     ends = (0, -1)
     for i, row in zip((0, 2), ends, strict=True):
