@@ -62,6 +62,7 @@ def case(body, asked, reached=None, **more):
                             "histogram": [0] * 10 + [2] + [0] * 5 + [6] + [0] * 3},
         "thickness": {"min": 0.1, "mean": 0.2, "max": 0.3}, "seconds": 2.0, "seconds_cpu": 1.0,
         "genus": [0], "patches": 6, "spans": 4, "rational": False, "notes": [],
+        "options": {},
     }  # fmt: skip
     return {**found, **more}
 

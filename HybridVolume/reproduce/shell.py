@@ -26,7 +26,7 @@ from HybridVolume.freecad_python import import_freecad
 from HybridVolume.job import Job, worker_python
 
 from .midstructure import BESIDE, EXAMPLES, Entry, body_files, read_entries, write_json
-from .shell_bodies import RIVALS_FILE, SPEED_BODY
+from .shell_bodies import RIVALS_FILE, SPEED_BODY, no_shell
 
 if TYPE_CHECKING:
     from HybridVolume.core.surface import SplineFace
@@ -72,6 +72,8 @@ class Body:
         Parts that each knot span is cut into.
     error : HybridVolumeError or None
         Why the reader refuses it.
+    options : mapping
+        Of :class:`HybridVolume.core.pipeline.Options`, besides those of all bodies.
     asked : dict
         What is asked: name of the case -> its head.
     free_only : bool
@@ -83,12 +85,14 @@ class Body:
     faces: Sequence[SplineFace] = ()
     split: int = 1
     error: HybridVolumeError | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
     asked: dict[str, dict[str, Any]] = field(default_factory=dict)
     free_only: bool = False
 
     def key(self, program: str) -> str:
         """What the figures depend on."""
         digest = hashlib.sha256(repr((VERSION, program, self.split, LAYERS)).encode())
+        digest.update(repr(sorted(self.options.items())).encode())
         digest.update(repr(self.free_only or bool(os.environ.get(_FREE))).encode())
         for face in self.faces:
             for array in (face.control_points, face.weights, *face.knots):
@@ -198,8 +202,8 @@ def chosen_bodies(options: argparse.Namespace) -> tuple[list[Body], list[str]]:
     found = {m.name: Body(m.name, m.words, "table", m.faces(), m.split) for m in made_bodies()}
     if wanted is None or not set(wanted) <= set(found):
         for entry in read_entries(_files(options.data)):
-            body = _of_file(entry, found)
-            found[body.name] = body
+            for body in _of_file(entry, found):
+                found[body.name] = body
         for made in random_bodies():
             if wanted is None or made.name in wanted:
                 found[made.name] = Body(made.name, made.words, "random", made.faces(), made.split)
@@ -221,12 +225,19 @@ def _files(named: Sequence[str] | None) -> list[Path]:
     return body_files([str(EXAMPLES), *more])
 
 
-def _of_file(entry: Entry, taken: Mapping[str, Body]) -> Body:
-    from .shell_bodies import DEMANDS
+def _of_file(entry: Entry, taken: Mapping[str, Body]) -> list[Body]:
+    """A body of a file, and its variants."""
+    from .shell_bodies import DEMANDS, OPTIONS, VARIANTS
 
     name = entry.name if entry.name not in taken else entry.source
     kind = "table" if name in DEMANDS else "other"
-    return Body(name, entry.source, kind, entry.faces, error=entry.error)
+    body = Body(name, entry.source, kind, entry.faces, error=entry.error)
+    variants = [
+        replace(body, name=other, options=options, asked={})
+        for other, (original, options) in VARIANTS.items()
+        if original == name
+    ]
+    return [replace(body, options=OPTIONS.get(name, {}), asked={}), *variants]
 
 
 def ask(body: Body, levels: Sequence[float], *, everything: bool) -> None:
@@ -301,6 +312,7 @@ class Runner:
                 "words": body.words,
                 "split": body.split,
                 "layers": LAYERS,
+                "options": dict(body.options),
             },
             python=self.python,
             free_only=body.free_only,
@@ -355,10 +367,8 @@ class Runner:
         """Write a case that is an error; one that is not finished is tried again next time."""
         values = {
             "body": body.name, "key": body.key(self.program) if finished else "",
-            "words": body.words, **head, "w0": None, "w0_rms": None, "elements": 0, "valid": 0,
-            "undecided": 0, "invalid": 0, "embedded": False, "min_scaled_jacobian": None,
-            "min_bernstein": None, "bound": None, "seconds": 0.0, "notes": [],
-            "error": error.to_dict(),
+            "words": body.words, "options": dict(body.options), **head,
+            **no_shell(error), "seconds": 0.0,
         }  # fmt: skip
         write_json(self.cases / f"{name}.json", values)
 

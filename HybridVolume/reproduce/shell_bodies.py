@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 from HybridVolume.core.surface import SplineFace
+from HybridVolume.errors import HybridVolumeError
 
 from .bodies import box, cylinder, prism, ring, sphere, torus, wedge
 
@@ -76,8 +78,15 @@ DEMANDS: dict[str, Demand] = {
     "terrific_part_02": Demand(PARTS, 0.2, thinner=True, share=0.6),
     "fandisk": Demand(PARTS, 0.2, thinner=True, share=0.6),
     "g_shape": Demand(FOLDED, 0.0, refused=True),
+    "g_shape_lines": Demand(FOLDED, 0.1),
 }
 """By the body's name; bodies of files are found by the name of their file."""
+
+SINGULAR_LINES = {"singular_lines": True}
+OPTIONS = {"horseshoe": SINGULAR_LINES}
+"""Options that bodies need besides those that all have; the tables tell them."""
+VARIANTS = {"g_shape_lines": ("g_shape", SINGULAR_LINES)}
+"""Further rows: a body once more, with options."""
 
 LARGE_SHARE = 0.6
 """Least mean level at .7 and .9, as a share of the level asked."""
@@ -109,6 +118,17 @@ class Made:
     words: str
     faces: Callable[[], Faces]
     split: int = 1
+
+
+def no_shell(error: HybridVolumeError) -> dict[str, Any]:
+    """Figures of a case without a shell, under the names of shell.json."""
+    return {
+        **dict.fromkeys(("w0", "w0_rms", "min_scaled_jacobian", "min_bernstein", "bound")),
+        **dict.fromkeys(("elements", "valid", "undecided", "invalid"), 0),
+        "embedded": False,
+        "notes": [],
+        "error": error.to_dict(),
+    }
 
 
 def made_bodies() -> list[Made]:

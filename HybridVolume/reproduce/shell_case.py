@@ -33,7 +33,7 @@ from HybridVolume.core.validity import certify, scaled_jacobian
 from HybridVolume.errors import FaultError, HybridVolumeError
 from HybridVolume.worker import Channel, die_with_parent
 
-from .shell_bodies import RIVALS_FILE
+from .shell_bodies import RIVALS_FILE, no_shell
 
 if TYPE_CHECKING:
     from HybridVolume.core.harmonic import HarmonicField
@@ -64,7 +64,7 @@ class Bench:
 
     def __init__(self, faces: list, task: Mapping[str, Any], progress: Callable) -> None:
         self.task, self.progress = task, progress
-        self.options = Options(layers=task["layers"])
+        self.options = Options(layers=task["layers"], **task["options"])
         with self._stopped("surface") as spent:
             surface = build_surface(faces, self.options.tolerance)
             if task["split"] > 1:
@@ -287,18 +287,6 @@ def _processor() -> float:
     return sum(one.ru_utime + one.ru_stime for one in usage)
 
 
-def failed(error: HybridVolumeError) -> dict[str, Any]:
-    """Figures of a case without a shell."""
-    return {
-        **dict.fromkeys(("w0", "w0_rms", "min_scaled_jacobian", "min_bernstein", "bound")),
-        **dict.fromkeys(("elements", "valid", "undecided", "invalid"), 0),
-        "embedded": False,
-        "seconds": 0.0,
-        "notes": [],
-        "error": error.to_dict(),
-    }
-
-
 def _told(fault: Exception) -> HybridVolumeError:
     """A fault of ours is a row as well: one case must not hide the others."""
     if isinstance(fault, HybridVolumeError):
@@ -314,7 +302,8 @@ def work(folder: Path, channel: Channel) -> None:
     task = json.loads((folder / job.OPTIONS_FILE).read_text(encoding="utf-8"))
     cases = Path(task["options"]["cases"])
     options = task["options"]
-    head = {"body": task["name"], "key": options["key"], "words": options["words"]}
+    head = {"body": task["name"], "key": options["key"], "words": options["words"],
+            "options": options["options"]}  # fmt: skip
     made: dict[str, Any] = {}
     started = time.perf_counter()
     try:
@@ -323,7 +312,7 @@ def work(folder: Path, channel: Channel) -> None:
         bench.prepare()
         made.update(bench.prepared())
     except Exception as fault:
-        values = {**failed(_told(fault)), "seconds": time.perf_counter() - started}
+        values = {**no_shell(_told(fault)), "seconds": time.perf_counter() - started}
         for name, asked in options["asked"].items():
             write_case(cases, name, {**head, **asked, **made, **values})
         return
@@ -340,7 +329,7 @@ def work(folder: Path, channel: Channel) -> None:
         try:
             values = kinds[asked["kind"]](asked)
         except Exception as fault:
-            values = {**failed(_told(fault)), "bound": made["bound"]}
+            values = {**no_shell(_told(fault)), "bound": made["bound"]}
             values["seconds"] = time.perf_counter() - started
         write_case(cases, name, {**head, **asked, **made, **values})
         channel.send(stage="case", fraction=0.0, text=name)

@@ -124,7 +124,8 @@ def _cases(cases: Sequence[Case]) -> str:
 def _body_words(case: Case) -> str:
     genus = ", ".join(str(g) for g in case["genus"])
     words = f"{case['body']}: {case['patches']} patches, {case['spans']} spans, genus {genus}"
-    return words + (", rational" if case["rational"] else "")
+    options = "".join(f", {name}" for name in case["options"])
+    return words + (", rational" if case["rational"] else "") + options
 
 
 def _proof(case: Case) -> str:
@@ -163,7 +164,12 @@ def _notes(cases: Sequence[Case]) -> str:
     for case in cases:
         for note in case["notes"]:
             notes.setdefault((case["body"], note), []).append(f"{case['w0_asked']:g}")
-    lines = [f"- {body} at {', '.join(at)}: {note}" for (body, note), at in notes.items()]
+    asked = {case["body"]: case["options"] for case in cases if case["options"]}
+    lines = [
+        f"- {body} is made with {', '.join(f'`{name}={value}`' for name, value in options.items())}"
+        for body, options in asked.items()
+    ]
+    lines += [f"- {body} at {', '.join(at)}: {note}" for (body, note), at in notes.items()]
     return "\n".join(lines) + ("\n" if lines else "")
 
 
@@ -347,9 +353,10 @@ def _paper(paper: Sequence[Case], cases: Sequence[Case]) -> str:
 
 def _meshers(rivals: Sequence[Case], cases: Sequence[Case]) -> str:
     own = {(case["body"], case["w0_asked"]): case for case in cases}
-    rows = []
+    rows, absent = [], {}
     for case in rivals:
         if case.get("error"):
+            absent[case["body"]] = _reason(case["error"])
             continue
         ours = own.get((case["body"], case["w0_asked"])) or {}
         rows.append(
@@ -370,7 +377,8 @@ def _meshers(rivals: Sequence[Case], cases: Sequence[Case]) -> str:
         "counts.\n\n"
     )
     head = ("body", "thickness mm", "ours: elements (scaled Jacobian)", "Netgen", "Gmsh")
-    return words + table(head, rows)
+    lines = [f"- {body}: {reason}\n" for body, reason in absent.items()]
+    return words + table(head, rows) + ("\n" if lines else "") + "".join(lines)
 
 
 def _layered(one: Mapping[str, Any]) -> str:
