@@ -32,8 +32,18 @@ LAYERS = (0.4, 1.0)
 """Where the two layers end, as shares of the thickness."""
 MISSED = 0.05
 """Share of the body's volume by which a mesh may miss it; what is more is not the body."""
-STARTED, MESHED = "started", "meshed"
+GMSH_PRISM = [0, 1, 2, 3, 4, 5, 6, 9, 7, 12, 14, 13, 8, 10, 11, 15, 17, 16]
+GMSH_TET = [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]
+NETGEN_PRISM = [0, 2, 1, 3, 5, 4, 6, 8, 7, 9, 11, 10]
+NETGEN_TET = [0, 2, 1, 3, 5, 7, 4, 6, 9, 8]
+"""Where the nodes of this program's order stand in the elements of the meshers."""
 _PROJECT = Path(__file__).resolve().parents[2]
+_NOTHING = {
+    "made": False,
+    "error": "",
+    **dict.fromkeys(("prisms", "tets", "nodes", "linear", "curved", "thickness")),
+    **dict.fromkeys(("volume_error", "seconds")),
+}
 
 
 def size_for(area: float, triangles: int = 1000) -> float:
@@ -142,6 +152,10 @@ def gmsh_layers(
     dict
         As of :func:`netgen_layers`, without ``limited``.
     """
+    from HybridVolume.core.tetmesh import free_only
+
+    if free_only():
+        return {**_NOTHING, "error": "left out: gmsh is under the GPL"}
     return _measure("gmsh", path, thickness, size, False, time_limit, python)
 
 
@@ -186,7 +200,6 @@ def _measure(
     command = [python or sys.executable, "-m", __spec__.name if __spec__ else __name__, mesher]
     command += [str(Path(path).resolve()), repr(float(thickness)), repr(float(size))]
     environment = {**os.environ, "PYTHONPATH": str(_PROJECT), "OMP_NUM_THREADS": "1"}
-    empty = {"made": False, "error": "", **dict.fromkeys(_FIGURES)}
     with tempfile.TemporaryDirectory(prefix="hybridvolume-") as folder:
         answer = Path(folder) / "answer.json"
         command += ["--answer", str(answer)] + (["--limit"] if limited else [])
@@ -198,24 +211,21 @@ def _measure(
             try:
                 code = process.wait(time_limit)
             except subprocess.TimeoutExpired:
-                return {**empty, "error": f"no end within {time_limit:g} s"}
+                return {**_NOTHING, "error": f"no end within {time_limit:g} s"}
             finally:
                 if process.poll() is None:
                     process.kill()
                     process.wait()
             if answer.is_file():
-                return {**empty, **json.loads(answer.read_text(encoding="utf-8"))}
+                return {**_NOTHING, **json.loads(answer.read_text(encoding="utf-8"))}
             log.seek(0)
             said = log.read().decode(errors="replace").split("\n")
         last = next((line.strip() for line in reversed(said) if line.strip()), "no word")
-        return {**empty, "error": f"crashed (code {code}): {last[:200]}"}
+        return {**_NOTHING, "error": f"crashed (code {code}): {last[:200]}"}
 
 
 # --------------------------------------------------------------------- in the mesher's process
 
-_FIGURES = (
-    *("prisms", "tets", "nodes", "linear", "curved", "thickness", "volume_error", "seconds"),
-)
 _Mesh = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Nodes (n, 3), prisms and tetrahedra with quadratic nodes, in this program's order."""
 
@@ -245,8 +255,7 @@ def _netgen_mesh(path: str, thickness: float, size: float, limited: bool) -> tup
         raise RuntimeError(f"{others} elements that are neither prisms nor tetrahedra")
     # netgen's elements are left-handed, its mid nodes on 0-2, 0-1, 1-2 below and above in prisms,
     # on 0-1, 0-2, 0-3, 1-2, 1-3, 2-3 in tetrahedra
-    prisms = prisms[:, [0, 2, 1, 3, 5, 4, 6, 8, 7, 9, 11, 10]]
-    tets = tets[:, [0, 2, 1, 3, 5, 7, 4, 6, 9, 8]]
+    prisms, tets = prisms[:, NETGEN_PRISM], tets[:, NETGEN_TET]
     # the sides are straight: with mid nodes half-way the same element has 15 nodes
     middle = len(nodes) + np.arange(3 * len(prisms)).reshape(-1, 3)
     upright = 0.5 * (nodes[prisms[:, :3]] + nodes[prisms[:, 3:6]])
@@ -290,8 +299,7 @@ def _gmsh_mesh(path: str, thickness: float, size: float, limited: bool) -> tuple
         if kind not in kinds:
             raise RuntimeError(f"elements of the kind {kind}")
         found[int(kind)] = number[nodes.reshape(-1, kinds[int(kind)])]
-    prisms = found[13][:, [0, 1, 2, 3, 4, 5, 6, 9, 7, 12, 14, 13, 8, 10, 11, 15, 17, 16]]
-    return (points.reshape(-1, 3), prisms, found[11][:, [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]]), volume
+    return (points.reshape(-1, 3), found[13][:, GMSH_PRISM], found[11][:, GMSH_TET]), volume
 
 
 MESHERS: dict[str, Callable[[str, float, float, bool], tuple[_Mesh, float]]] = {
