@@ -12,11 +12,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
 
 from . import bspline
+from .evaluation import grid_places, grid_points
 from .shell import Shell
 from .surface import PatchSurface
+
+_BLOCK = 20_000
+"""Places whose columns are evaluated at once, which bounds the memory."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,16 @@ def interface_lines(
     if subdivide < 1:
         raise ValueError("a cell is cut into one part at least")
     u, v = surface.grid_parameters(nodes)
-    return [_cut(x, subdivide) for x in u], [_cut(x, subdivide) for x in v]
+    return _cut_all(u, subdivide), _cut_all(v, subdivide)
+
+
+def _cut_all(lines: list[np.ndarray], parts: int) -> list[np.ndarray]:
+    """Lines of all patches, cut; lines that are one object stay one."""
+    done: dict[int, np.ndarray] = {}
+    for line in lines:
+        if id(line) not in done:
+            done[id(line)] = _cut(line, parts)
+    return [done[id(line)] for line in lines]
 
 
 def _cut(lines: np.ndarray, parts: int) -> np.ndarray:
@@ -65,14 +77,9 @@ def _cut(lines: np.ndarray, parts: int) -> np.ndarray:
 
 def doubled_grid(surface: PatchSurface, u: list[np.ndarray], v: list[np.ndarray]) -> DoubledGrid:
     """The grid over given lines of each patch, which must agree along shared sides."""
-    u, v = [_cut(x, 2) for x in u], [_cut(x, 2) for x in v]
-    ids, count = surface.shared_grid([(len(a), len(b)) for a, b in zip(u, v, strict=True)])
-    owner = np.empty(count, dtype=np.int64)
-    uv = np.empty((count, 2))
-    for k in range(len(ids) - 1, -1, -1):
-        uu, vv = np.meshgrid(u[k], v[k], indexing="ij")
-        owner[ids[k]] = k
-        uv[ids[k], 0], uv[ids[k], 1] = uu, vv
+    u, v = _cut_all(u, 2), _cut_all(v, 2)
+    ids, _ = surface.shared_grid([(len(a), len(b)) for a, b in zip(u, v, strict=True)])
+    _, owner, uv = grid_points(ids, u, v)
     return DoubledGrid(tuple(u), tuple(v), tuple(ids), owner, uv)
 
 
@@ -87,15 +94,16 @@ def grid_cells(grid: DoubledGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     uv : (nc, 3, 3, 2) array
         Parameters on that patch.
     """
-    points, patch, uv = [], [], []
-    for k, ids in enumerate(grid.ids):
-        i = np.arange(0, len(ids) - 1, 2)[:, None, None, None] + np.arange(3)[:, None]
-        j = np.arange(0, ids.shape[1] - 1, 2)[None, :, None, None] + np.arange(3)
-        points.append(ids[i, j].reshape(-1, 3, 3))
-        i, j = np.broadcast_arrays(i, j)
-        uv.append(np.stack([grid.u[k][i], grid.v[k][j]], axis=-1).reshape(-1, 3, 3, 2))
-        patch.append(np.full(len(points[-1]), k))
-    return np.concatenate(points), np.concatenate(patch), np.concatenate(uv)
+    ids = np.concatenate([g.ravel() for g in grid.ids])
+    mu, mv = np.array([g.shape for g in grid.ids]).T
+    patch, row, column = grid_places(mu // 2, mv // 2)
+    i = 2 * row[:, None, None] + np.arange(3)[:, None]
+    j = 2 * column[:, None, None] + np.arange(3)
+    start = (np.cumsum(mu * mv) - mu * mv)[patch]
+    points = ids[start[:, None, None] + i * mv[patch][:, None, None] + j]
+    u = np.concatenate(grid.u)[(np.cumsum(mu) - mu)[patch][:, None, None] + i]
+    v = np.concatenate(grid.v)[(np.cumsum(mv) - mv)[patch][:, None, None] + j]
+    return points, patch, np.stack(np.broadcast_arrays(u, v), axis=-1)
 
 
 def layer_parameters(shell: Shell, between: bool) -> np.ndarray:
@@ -120,46 +128,31 @@ def evaluate_columns(shell: Shell, patch: np.ndarray, uv: np.ndarray, w: np.ndar
     -------
     (nw, m, 3) array, mm
     """
-    basis_w = bspline.basis_matrix(shell.degree_w, shell.knots_w, w)
+    surface = shell.surface
+    u, v = uv.T
+    basis_w = bspline.basis_matrix(shell.degree_w, shell.knots_w, w).toarray()
     result = np.empty((len(w), len(patch), 3))
-    order = np.argsort(patch, kind="stable")
-    bounds = np.searchsorted(patch[order], np.arange(len(shell.surface.patches) + 1))
-    for k, p in enumerate(shell.surface.patches):
-        members = order[bounds[k] : bounds[k + 1]]
-        if not len(members):
-            continue
-        u, v = uv[members].T
-        net = shell.layers[:, p.index.ravel()]
-        weights = np.ones(net.shape[:2])
-        weights[0] = p.weights.ravel()
-        homogeneous = np.concatenate([net * weights[..., None], weights[..., None]], axis=2)
-        levels = (basis_w @ homogeneous.reshape(len(net), -1)).reshape(len(w), -1, 4)
-        levels = np.moveaxis(levels, 1, 0).reshape(p.index.size, -1)
-        value = (pair_basis(p.degrees, p.knots, u, v) @ levels).reshape(-1, len(w), 4)
-        points = value[..., :3]
-        if p.weighted:
-            points = points / value[..., 3:]
-        result[:, members] = np.moveaxis(points, 1, 0)
-        for level in np.flatnonzero(w == 0.0):
-            result[level, members] = shell.surface.evaluate(k, u, v)
+    number, place = surface.stack_of
+    for k, stack in enumerate(surface.stacks):
+        members = np.flatnonzero(number[patch] == k)
+        weights = np.stack([surface.patches[i].weights for i in stack.members])
+        plain = not (weights != 1.0).any()
+        for part in np.array_split(members, 1 + len(members) // _BLOCK):
+            pick, [(left, right)] = stack.basis(place[patch[part]], u[part], v[part])
+            act = left[:, :, None] * right[:, None, :]
+            nets = shell.layers[:, stack.index[pick]]
+            levels = np.einsum("mab,lmabd->lmd", act, nets)
+            if plain:
+                result[:, part] = np.tensordot(basis_w, levels, 1)
+                continue
+            # only the outer layer has weights
+            first = act * weights[pick]
+            heavy = first.sum(axis=(1, 2))
+            levels[0] = np.einsum("mab,mabd->md", first, nets[0])
+            value = np.tensordot(basis_w, levels, 1)
+            weight = basis_w[:, :1] * heavy + (1.0 - basis_w[:, :1])
+            result[:, part] = value / weight[..., None]
+    outer = np.flatnonzero(w == 0.0)
+    if len(outer):
+        result[outer] = surface.evaluate_at(patch, u, v)
     return result
-
-
-def pair_basis(
-    degrees: tuple[int, int],
-    knots: tuple[np.ndarray, np.ndarray],
-    u: np.ndarray,
-    v: np.ndarray,
-    derivative: tuple[int, int] = (0, 0),
-) -> sparse.csr_matrix:
-    """Bivariate B-spline functions (or derivatives) at m parameter pairs, (m, nu * nv)."""
-    fu, bu = bspline.basis_functions(degrees[0], knots[0], u, derivative[0])
-    fv, bv = bspline.basis_functions(degrees[1], knots[1], v, derivative[1])
-    nu, nv = (len(k) - d - 1 for k, d in zip(knots, degrees, strict=True))
-    iu = fu[:, None] + np.arange(degrees[0] + 1)
-    iv = fv[:, None] + np.arange(degrees[1] + 1)
-    columns = (iu[:, :, None] * nv + iv[:, None, :]).ravel()
-    values = (bu[:, :, None] * bv[:, None, :]).ravel()
-    local = (degrees[0] + 1) * (degrees[1] + 1)
-    rows = np.arange(0, len(u) * local + 1, local)
-    return sparse.csr_matrix((values, columns, rows), shape=(len(u), nu * nv))

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -35,6 +36,36 @@ def grid_places(mu: np.ndarray, mv: np.ndarray) -> tuple[np.ndarray, np.ndarray,
     return patch, local // mv[patch], local % mv[patch]
 
 
+def grid_points(
+    grids: Sequence[np.ndarray], u: Sequence[np.ndarray], v: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The points of shared grids, each on the lowest-numbered patch that has it.
+
+    Parameters
+    ----------
+    grids : np (mu, mv) int arrays
+        Number of each grid point, from 0 without gaps.
+    u, v : np (mu,), (mv,) arrays
+        Grid lines of each patch.
+
+    Returns
+    -------
+    ids : (total,) int array
+        All grids, patch by patch and row by row.
+    owner : (n,) int array
+    uv : (n, 2) array
+        Parameters on the owner.
+    """
+    ids = np.concatenate([grid.ravel() for grid in grids])
+    mu, mv = np.array([grid.shape for grid in grids]).T
+    patch, row, column = grid_places(mu, mv)
+    _, first = np.unique(ids, return_index=True)
+    owner = patch[first]
+    places_u = (np.cumsum(mu) - mu)[owner] + row[first]
+    places_v = (np.cumsum(mv) - mv)[owner] + column[first]
+    return ids, owner, np.column_stack([np.concatenate(u)[places_u], np.concatenate(v)[places_v]])
+
+
 @dataclass(frozen=True)
 class Stack:
     """Patches over the same knots, to be evaluated together.
@@ -56,6 +87,35 @@ class Stack:
     index: np.ndarray
     weights: np.ndarray | None
 
+    def basis(
+        self, chosen: np.ndarray, u: np.ndarray, v: np.ndarray, derivative: int = 0
+    ) -> tuple[tuple[np.ndarray, ...], list[tuple[np.ndarray, np.ndarray]]]:
+        """Which entries of the nets act at places of members, and how much.
+
+        Parameters
+        ----------
+        chosen, u, v, derivative
+            As for :meth:`evaluate`.
+
+        Returns
+        -------
+        pick : tuple of arrays
+            ``index[pick]`` is (k, p + 1, q + 1).
+        pairs : list of ((k, p + 1) array, (k, q + 1) array)
+            Functions in u and v; with ``derivative=1`` then those of x_u and of x_v.
+        """
+        (p, q), (knots_u, knots_v) = self.degrees, self.knots
+        first_u, bu = bspline.basis_functions(p, knots_u, u)
+        first_v, bv = bspline.basis_functions(q, knots_v, v)
+        rows = (first_u[:, None] + np.arange(p + 1))[:, :, None]
+        columns = (first_v[:, None] + np.arange(q + 1))[:, None, :]
+        pairs = [(bu, bv)]
+        if derivative:
+            _, du = bspline.basis_functions(p, knots_u, u, 1)
+            _, dv = bspline.basis_functions(q, knots_v, v, 1)
+            pairs += [(du, bv), (bu, dv)]
+        return (chosen[:, None, None], rows, columns), pairs
+
     def evaluate(
         self, points: np.ndarray, chosen: np.ndarray, u: np.ndarray, v: np.ndarray, derivative: int
     ) -> list[np.ndarray]:
@@ -75,21 +135,11 @@ class Stack:
         list of (k, 3) arrays
             x, and with ``derivative=1`` also x_u and x_v.
         """
-        (p, q), (knots_u, knots_v) = self.degrees, self.knots
-        first_u, bu = bspline.basis_functions(p, knots_u, u)
-        first_v, bv = bspline.basis_functions(q, knots_v, v)
-        rows = (first_u[:, None] + np.arange(p + 1))[:, :, None]
-        columns = (first_v[:, None] + np.arange(q + 1))[:, None, :]
-        pick = (chosen[:, None, None], rows, columns)
+        pick, pairs = self.basis(chosen, u, v, derivative)
         values = points[self.index[pick]]
         if self.weights is not None:
             weights = self.weights[pick][..., None]
             values = np.concatenate([values * weights, weights], axis=-1)
-        pairs = [(bu, bv)]
-        if derivative:
-            _, du = bspline.basis_functions(p, knots_u, u, 1)
-            _, dv = bspline.basis_functions(q, knots_v, v, 1)
-            pairs += [(du, bv), (bu, dv)]
         found = [np.einsum("ma,mb,mabd->md", *pair, values) for pair in pairs]
         if self.weights is None:
             return found

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from . import bspline
-from .columns import pair_basis
 from .elements import gauss_line, shape_functions, shape_gradients
 from .shell import Shell
 from .surface import PatchSurface
@@ -47,19 +46,21 @@ def triangle_gaps(interface: Interface, shell: Shell, curved: bool = False) -> n
     nodes = interface.vertices[interface.triangles]
     if curved:
         nodes = np.concatenate([nodes, interface.midpoints[interface.triangle_edges]], axis=1)
-    for k, patch in enumerate(inner.patches):
-        chosen = np.flatnonzero(interface.triangle_patch == k)
-        corners = interface.triangle_uv[chosen]
+    number, _ = inner.stack_of
+    for k, stack in enumerate(inner.stacks):
+        chosen = np.flatnonzero(number[interface.triangle_patch] == k)
         # The determinant has degree 3 d - 1 in each parameter; along a strip the powers of v and
         # the height of the band come on top.
-        p, q = (max(d, 2) for d in patch.degrees)
+        p, q = (max(d, 2) for d in stack.degrees)
         counts = (3 * (p + q)) // 2 + 1, (3 * q) // 2 + 1
         step = max(1, 100_000 // (counts[0] * counts[1]))
         for start in range(0, len(chosen), step):
-            part = slice(start, start + step)
-            uv, weights = _pieces(corners[part], patch.knots, counts)
-            gaps[chosen[part]] = _swept(inner, k, kind, nodes[chosen[part]], corners[part], uv,
-                                        weights)  # fmt: skip
+            part = chosen[start : start + step]
+            corners = interface.triangle_uv[part]
+            uv, weights = _pieces(corners, stack.knots, counts)
+            gaps[part] = _swept(
+                inner, interface.triangle_patch[part], kind, nodes[part], corners, uv, weights
+            )
     return gaps
 
 
@@ -121,7 +122,7 @@ def _pieces(
 
 def _swept(
     inner: PatchSurface,
-    patch: int,
+    patch: np.ndarray,
     kind: str,
     nodes: np.ndarray,
     corners: np.ndarray,
@@ -138,12 +139,7 @@ def _swept(
     gradients = shape_gradients(kind, local.reshape(-1, 2)).reshape(m, q, -1, 2)
     f = np.einsum("mqn,mnc->mqc", values, nodes)
     f_uv = np.einsum("mqnd,mnc,mde->mqce", gradients, nodes, inverse, optimize=True)
-    p = inner.patches[patch]
-    u, v = uv.reshape(-1, 2).T
-    net = inner.control_points[p.index.ravel()]
-    s, s_u, s_v = (
-        pair_basis(p.degrees, p.knots, u, v, order) @ net for order in ((0, 0), (1, 0), (0, 1))
-    )
+    s, s_u, s_v = inner.evaluate_at(np.repeat(patch, q), *uv.reshape(-1, 2).T, 1)
     gap = s.reshape(m, q, 3) - f
     gap_u = s_u.reshape(m, q, 3) - f_uv[..., 0]
     gap_v = s_v.reshape(m, q, 3) - f_uv[..., 1]

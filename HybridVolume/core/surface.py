@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .evaluation import Stack, grid_line, grid_places, stacks
+from .evaluation import Stack, grid_line, grid_places, grid_points, stacks
 from .sides import meetings
 from .singular import surface_flags
 from .spans import ElementGroup, ElementSamples, element_groups, element_samples
@@ -286,28 +286,28 @@ class PatchSurface:
         (m, 3) array, or with ``derivative=1`` the three arrays x, x_u, x_v
         """
         patch = np.asarray(patch, dtype=int)
-        stack_of, place = self._stack_of
+        stack_of, place = self.stack_of
         found = np.empty((3 if derivative else 1, len(patch), 3))
         numbers = stack_of[patch]
         for number in np.unique(numbers):
             rows = np.flatnonzero(numbers == number)
             for part in np.array_split(rows, 1 + len(rows) // _BLOCK):
                 chosen = place[patch[part]]
-                found[:, part] = self._stacks[number].evaluate(
+                found[:, part] = self.stacks[number].evaluate(
                     self.control_points, chosen, u[part], v[part], derivative
                 )
         return tuple(found) if derivative else found[0]
 
     @cached_property
-    def _stacks(self) -> list[Stack]:
+    def stacks(self) -> list[Stack]:
         """Patches with the same degrees and knots, polynomial and rational ones apart."""
         return stacks(self.patches)
 
     @cached_property
-    def _stack_of(self) -> tuple[np.ndarray, np.ndarray]:
+    def stack_of(self) -> tuple[np.ndarray, np.ndarray]:
         """Stack of each patch, and its place in it."""
         number, place = np.zeros((2, len(self.patches)), dtype=int)
-        for k, stack in enumerate(self._stacks):
+        for k, stack in enumerate(self.stacks):
             number[stack.members] = k
             place[stack.members] = np.arange(len(stack.members))
         return number, place
@@ -453,19 +453,8 @@ class PatchSurface:
     def _triangulate(
         self, u: list[np.ndarray], v: list[np.ndarray], grids: list[np.ndarray], count: int
     ) -> SurfaceMesh:
-        ids = np.concatenate([grid.ravel() for grid in grids])
+        ids, owner, uv = grid_points(grids, u, v)
         mu, mv = np.array([grid.shape for grid in grids]).T
-        patch, row, column = grid_places(mu, mv)
-        # a point that several patches have is that of the lowest one
-        _, first = np.unique(ids, return_index=True)
-        owner = patch[first]
-        start = np.concatenate([[0], np.cumsum(mu)[:-1]]), np.concatenate([[0], np.cumsum(mv)[:-1]])
-        uv = np.column_stack(
-            [
-                np.concatenate(u)[start[0][owner] + row[first]],
-                np.concatenate(v)[start[1][owner] + column[first]],
-            ]
-        )
         vertices = self.evaluate_at(owner, *uv.T)
         patch, row, column = grid_places(mu - 1, mv - 1)
         corner = (np.cumsum(mu * mv) - mu * mv)[patch] + row * mv[patch] + column
