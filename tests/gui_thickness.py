@@ -89,8 +89,7 @@ def type_into(field, text):
     click(field.mapToGlobal(QtCore.QPoint(20, field.height() // 2)))
     key("ctrl+a")
     xdotool("type", text)
-    # Return would press OK
-    key("Tab")
+    key("Return")
 
 
 def text(name):

@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from zipfile import BadZipFile
 
@@ -54,12 +54,20 @@ class Inner:
         Of each vertex to the outer surface, mm.
     reached : (k,) array
         Share of what is asked for; below 1 where the body is too thin for it.
+    places : (p, 3) array
+        Points of the outer surface, mm.
     """
 
     vertices: np.ndarray
     triangles: np.ndarray
     distance: np.ndarray
     reached: np.ndarray
+    places: np.ndarray = field(repr=False)
+
+    @cached_property
+    def nearest(self) -> np.ndarray:
+        """The vertex that is nearest to each place of the surface, (p,)."""
+        return cKDTree(self.vertices).query(self.places)[1]
 
 
 @dataclass(frozen=True)
@@ -110,11 +118,11 @@ class FieldView:
     largest_w0: float
 
     @classmethod
-    def of(cls, field: HarmonicField, surface: PatchSurface) -> FieldView:
+    def of(cls, solved: HarmonicField, surface: PatchSurface) -> FieldView:
         """Take what is needed from a field in a body."""
-        vertices = field.mesh.vertices
+        vertices = solved.mesh.vertices
         feet = SurfaceDistance(surface, SAMPLES).nearest(vertices)
-        distance = np.where(field.mesh.on_boundary, 0.0, feet.distance)
+        distance = np.where(solved.mesh.on_boundary, 0.0, feet.distance)
         frame = column_frame(surface)
         node = cKDTree(frame.nodes).query(feet.points)[1]
         names = np.array([p.face for p in surface.patches])
@@ -124,8 +132,8 @@ class FieldView:
         places, area, place_patch = surface_places(surface, PLACES)
         view = cls(
             vertices=vertices,
-            tets=field.mesh.tets,
-            w=field.w,
+            tets=solved.mesh.tets,
+            w=solved.w,
             distance=distance,
             radius=local_radius(surface, frame)[node],
             face=of_patch[feet.patch],
@@ -135,7 +143,7 @@ class FieldView:
             place_face=of_patch[place_patch],
             curve=np.zeros((0, 4)),
             genus=np.array(surface.genus, dtype=np.int64),
-            largest_w0=field.largest_level(surface.genus, HIGHEST),
+            largest_w0=solved.largest_level(surface.genus, HIGHEST),
         )
         return view._with_curve()
 
@@ -258,7 +266,9 @@ class FieldView:
             return (1.0 - shares) * values[first] + shares * values[second]
 
         reached = np.ones(len(ends)) if thickness.uniform else at_cuts(self._goal(thickness))
-        return Inner(at_cuts(self.vertices), triangles, at_cuts(self.distance), reached)
+        return Inner(
+            at_cuts(self.vertices), triangles, at_cuts(self.distance), reached, self.places
+        )
 
     def figures(self, inner: Inner) -> tuple[float, float, float]:
         """The least, the mean and the largest distance of an inner boundary to the surface, mm.
@@ -268,8 +278,7 @@ class FieldView:
         """
         if not len(inner.triangles):
             return 0.0, 0.0, 0.0
-        near = cKDTree(inner.vertices).query(self.places)[1]
-        mean = np.average(inner.distance[near], weights=self.area)
+        mean = np.average(inner.distance[inner.nearest], weights=self.area)
         return float(inner.distance.min()), float(mean), float(inner.distance.max())
 
     def short(self, thickness: Thickness, inner: Inner) -> tuple[float, list[str]]:
@@ -290,8 +299,7 @@ class FieldView:
         """
         if thickness.uniform or not len(inner.triangles):
             return 0.0, []
-        near = cKDTree(inner.vertices).query(self.places)[1]
-        short = inner.reached[near] < 0.95
+        short = inner.reached[inner.nearest] < 0.95
         count = len(self.faces)
         part = np.bincount(self.place_face, self.area * short, count)
         whole = np.bincount(self.place_face, self.area, count)

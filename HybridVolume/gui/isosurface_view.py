@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 GLASS_TRANSPARENCY = 0.82
 RIM = (0.13, 0.13, 0.13)
 """Light of places that are turned away."""
-ROUNDS = 3
+ROUNDS = 2
 """Of smoothing normals."""
 
 
@@ -118,13 +118,17 @@ def _normals(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     flat = np.cross(b - a, c - a)
-    area = np.linalg.norm(flat, axis=1, keepdims=True)
+    area = _lengths(flat)
     corner, count = triangles.ravel(), len(vertices)
     for _ in range(ROUNDS):
         total = np.column_stack(
-            [np.bincount(corner, np.repeat(flat[:, i], 3), minlength=count) for i in range(3)]
+            [np.bincount(corner, np.repeat(column, 3), minlength=count) for column in flat.T]
         )
-        length = np.linalg.norm(total, axis=1, keepdims=True)
-        total = np.where(length > 0.0, total / np.where(length > 0.0, length, 1.0), (0.0, 0.0, 1.0))
-        flat = area * total[triangles].sum(axis=1)
-    return total
+        length = _lengths(total)
+        total /= np.where(length > 0.0, length, 1.0)
+        flat = area * (total[triangles[:, 0]] + total[triangles[:, 1]] + total[triangles[:, 2]])
+    return np.where(length > 0.0, total, (0.0, 0.0, 1.0))
+
+
+def _lengths(vectors: np.ndarray) -> np.ndarray:
+    return np.sqrt(np.einsum("ki,ki->k", vectors, vectors))[:, None]

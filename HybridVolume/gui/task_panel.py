@@ -95,6 +95,7 @@ class TaskPanel:
             self.form, source, names, self._preview_update, self._faces_opened
         )
         self._fill_form(size)
+        self._keys = _ReturnKey(self.form)
         self._dock = WideDock(self.form, WIDTH)
         # whoever closes the dialog: observers and glass must go
         self.form.destroyed.connect(lambda *_: self._clean())
@@ -423,6 +424,19 @@ class TaskPanel:
         self.form.parameters.setEnabled(not running)
         self.form.run.setEnabled(not (running or field))
         self.form.cancel.setEnabled(running or field)
+
+
+class _ReturnKey(QtCore.QObject):
+    """Keeps the Return that ends the typing of a value from pressing OK, as FreeCAD lets it do."""
+
+    def __init__(self, form: Any) -> None:
+        super().__init__(form)
+        form.installEventFilter(self)
+
+    def eventFilter(self, watched: Any, event: Any) -> bool:
+        """Take the keys that nobody in the form took."""
+        returns = (QtCore.Qt.Key_Return, QtCore.Qt.Key_Enter)
+        return event.type() == QtCore.QEvent.KeyPress and event.key() in returns
 
 
 def _computed(volume: Any | None) -> bool:
