@@ -422,3 +422,81 @@ def test_faults():
             call()
     assert self_intersections(np.zeros((0, 3)), np.zeros((0, 3), int)).shape == (0, 2)
     assert surfaces_intersect(points, triangles, points[:0], triangles[:0]).shape == (0, 2)
+
+
+# ---- against CGAL -----------------------------------------------------------------------------
+
+
+def cgal_triangles(kernel, vertices, triangles):
+    points = [kernel.Point_3(*map(float, p)) for p in vertices]
+    return [kernel.Triangle_3(*(points[k] for k in row)) for row in triangles]
+
+
+@pytest.mark.parametrize(("scale", "shift"), [(1.0, 0.0), (1e-3, 1e2), (1e3, 1e6)])
+def test_nasty_pairs_of_triangles_against_cgal(scale, shift):
+    """CGAL decides with exact predicates of its own, for the same floats."""
+    kernel = pytest.importorskip("CGAL.CGAL_Kernel")
+    rng = np.random.default_rng(int(10 * scale))
+    grid = rng.integers(0, 4, (70, 3)).astype(float)
+    plane = rng.integers(-5, 6, (70, 2)) @ np.array([[1.0, 0.25, 0.5], [-0.5, 1.0, 3.0]])
+    kinds = {
+        "free": rng.normal(size=(70, 3)),
+        "grid": grid,
+        "grid off by roundings": grid / 3.0 * (1 + rng.integers(-1, 2, grid.shape) * 2.0**-52),
+        "plane with bumps": plane + np.where(rng.uniform(size=(70, 1)) < 0.3, 1e-16, 0.0),
+        "almost flat": rng.normal(size=(70, 3)) * [1.0, 1.0, 1e-15],
+    }
+    for kind, vertices in kinds.items():
+        vertices = vertices * scale + shift
+        one, two = rng.integers(0, 70, (2, 40, 3))
+        # triangles without area are another matter
+        one, two = (
+            np.delete(t, [i for i, j in self_intersections(vertices, t) if i == j], axis=0)
+            for t in (one, two)
+        )
+        found = np.zeros((len(one), len(two)), dtype=bool)
+        found[tuple(surfaces_intersect(vertices, one, vertices, two).T)] = True
+        first, second = (cgal_triangles(kernel, vertices, t) for t in (one, two))
+        expected = np.array([[kernel.do_intersect(a, b) for b in second] for a in first])
+        assert expected.any(), kind
+        assert np.array_equal(found, expected), kind
+
+
+@pytest.mark.parametrize("noise", [0.1, 0.3, 1.0])
+def test_noisy_torus_against_cgal(noise):
+    """Closed surfaces, where most pairs of triangles share a vertex or a side."""
+    kernel = pytest.importorskip("CGAL.CGAL_Kernel")
+    from CGAL.CGAL_Polygon_mesh_processing import self_intersections as cgal_pairs
+    from CGAL.CGAL_Polyhedron_3 import Polyhedron_3, Polyhedron_modifier
+
+    vertices, triangles = torus(48, 24)
+    vertices += noise * 2.0 * np.pi / 48 * np.random.default_rng(4).normal(size=vertices.shape)
+    build = Polyhedron_modifier()
+    build.begin_surface(len(vertices), len(triangles))
+    for point in vertices:
+        build.add_vertex(kernel.Point_3(*map(float, point)))
+    for row in triangles:
+        build.begin_facet()
+        for vertex in row:
+            build.add_vertex_to_facet(int(vertex))
+        build.end_facet()
+    build.end_surface()
+    body, pairs = Polyhedron_3(), []
+    body.delegate(build)
+    cgal_pairs(body, pairs)
+    found = self_intersections(vertices, triangles)
+    assert len(found) == len(pairs)
+    assert (len(pairs) > 0) == (noise > 0.2)
+
+
+def test_work_grows_little_more_than_the_triangles():
+    times = []
+    for size in (40, 120):
+        vertices, triangles = torus(size, size // 2)
+        runs = []
+        for _ in range(3):
+            start = time.process_time()
+            assert len(self_intersections(vertices, triangles)) == 0
+            runs.append(time.process_time() - start)
+        times.append(min(runs))
+    assert times[1] < 3.0 * 9 * times[0]
