@@ -18,7 +18,7 @@ from HybridVolume.errors import HybridVolumeError, Place
 from HybridVolume.sources import global_shape
 
 from .coin_nodes import Faces, look, separator, unlit, unpickable
-from .stage import DEVIATION, Added, Hidden, glass
+from .stage import DEVIATION, Added, Hidden, glass, triangles_of
 
 RED = (0.85, 0.0, 0.0)
 FACE_RED = (1.0, 0.25, 0.20)
@@ -127,11 +127,8 @@ class RedPlaces:
         self._hidden.close()
 
     def _face(self, face: Any) -> Any:
-        # a copy: what is tessellated is stored in the shape
-        points, triangles = face.copy().tessellate(DEVIATION * self._diagonal)
         drawn = Faces(smooth=False, colour=FACE_RED, transparency=FACE_TRANSPARENCY, crease=0.6)
-        if triangles:
-            drawn.show(np.array([tuple(p) for p in points]), np.array(triangles))
+        drawn.show(*triangles_of(face, DEVIATION * self._diagonal))
         return drawn.node
 
     def _balls(self, places: Sequence[Place]) -> Any:

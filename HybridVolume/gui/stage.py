@@ -16,7 +16,7 @@ import numpy as np
 from pivy import coin
 
 from .clip import plane_across
-from .coin_nodes import look, opaque_nothing, separator, two_sided, unlit, unpickable
+from .coin_nodes import Faces, look, opaque_nothing, separator, unlit, unpickable
 
 if TYPE_CHECKING:
     from .sheets_view import SheetsScene
@@ -150,19 +150,39 @@ def glass(
         Of its edges.
     """
     deviation = DEVIATION * shape.BoundBox.DiagonalLength
-    # tessellate stores its triangles in the shape: the document's own must not get coarser
-    points, triangles = shape.copy().tessellate(deviation)
-    faces = coin.SoIndexedFaceSet()
-    coordinates = coin.SoCoordinate3()
-    coordinates.point.setValues(0, len(points), [tuple(p) for p in points])
-    index = np.column_stack([np.array(triangles).reshape(-1, 3), np.full(len(triangles), -1)])
-    faces.coordIndex.setValues(0, index.size, index.ravel().tolist())
+    faces = Faces(smooth=False, colour=GLASS_COLOUR, transparency=GLASS_TRANSPARENCY, crease=0.6)
+    faces.show(*triangles_of(shape, deviation))
     return separator(
-        unpickable(),
-        opaque_nothing(shape.BoundBox.Center),
-        *(look(GLASS_COLOUR, GLASS_TRANSPARENCY), two_sided(0.6), coordinates, faces),
+        *(unpickable(), opaque_nothing(shape.BoundBox.Center), faces.node),
         separator(unlit(), look(edges, transparency), *_edges(shape, deviation)),
     )
+
+
+def triangles_of(shape: Any, deviation: float) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles of a shape.
+
+    Parameters
+    ----------
+    shape : Part.Shape
+    deviation : float
+        Of the triangles from the shape, mm.
+
+    Returns
+    -------
+    points : (n, 3) array
+        mm.
+    triangles : (m, 3) int array
+    """
+    import MeshPart
+
+    # a copy: the shape stores its triangles, and the document's own must not get coarser; not by
+    # tessellate, which has no limit to the angle and takes minutes for faces with sharp folds
+    mesh = MeshPart.meshFromShape(
+        Shape=shape.copy(), LinearDeflection=deviation, AngularDeflection=0.35, Relative=False
+    )
+    points, triangles = mesh.Topology
+    found = np.array([tuple(point) for point in points]).reshape(-1, 3)
+    return found, np.array(triangles, dtype=int).reshape(-1, 3)
 
 
 def _edges(shape: Any, deviation: float) -> tuple[Any, ...]:
