@@ -14,10 +14,12 @@ from PySide.QtCore import QT_TRANSLATE_NOOP
 import HybridVolume
 from HybridVolume.errors import HybridVolumeError
 
+from .analysis_commands import ANALYSIS, STRESS, AnalysisCommand, StressCommand
+
 CREATE = "HybridVolume_Create"
 QUALITY = "HybridVolume_Quality"
 CLEAR = "HybridVolume_ClearRed"
-NAMES = [CREATE, QUALITY, CLEAR]
+NAMES = [CREATE, QUALITY, CLEAR, ANALYSIS, STRESS]
 
 
 class CreateCommand:
@@ -289,7 +291,10 @@ def register() -> list[str]:
     # FreeCAD begins the macro of a command with an import of the file that made the command known,
     # by its bare name. "import commands" would fail; "import HybridVolume" is what is needed.
     line = compile("add(name, command)", f"{HybridVolume.__name__}.py", "exec")
-    commands = (CreateCommand(), QualityCommand(), ClearCommand())
+    commands = (
+        *(CreateCommand(), QualityCommand(), ClearCommand()),
+        *(AnalysisCommand(), StressCommand()),
+    )
     for name, command in zip(NAMES, commands, strict=True):
         exec(line, {"add": FreeCADGui.addCommand, "name": name, "command": command})
     return NAMES
