@@ -14,6 +14,8 @@ from ..errors import InputError
 from . import bspline
 from .surface import PatchSurface
 
+EVENED = (0.25, 0.5, 0.75)
+"""How far layers are evened out where they cannot be as asked, one after the other."""
 STEEPEST = 8.0
 """Largest ratio of the heights of two layers that follow each other."""
 
@@ -114,6 +116,7 @@ def spaced_layers(
     spacing: Spacing | None = None,
     heights: np.ndarray | None = None,
     nodal: sparse.csr_matrix | None = None,
+    evened: float = 0.0,
 ) -> np.ndarray:
     """Layers whose knots w_k stand where the spacing wants the layers to end.
 
@@ -133,34 +136,62 @@ def spaced_layers(
     nodal : (n, n) sparse matrix, optional
         Polynomial B-splines at the Greville points: volumes are then measured between these points
         and not on the net, which lies off the surface where a span is large.
+    evened : float
+        How far to go from the spacing wanted (0) to equal heights (1).
 
     Returns
     -------
     (nw, n, 3) array; layer 0 is ``points`` itself
     """
     spacing = spacing or Spacing()
-    if spacing.kind == "distance":
+    count = len(bspline.breakpoints(knots)) - 1
+    # a single layer has no other to be compared with
+    if spacing.kind == "distance" or evened == 1.0 or (count == 1 and spacing.kind != "volume"):
         return uniform_layers(points, displacement, degree, knots)
-    sites = _sites(degree, knots)
     if spacing.kind == "volume":
         feet, ways = points, displacement
         if nodal is not None:
             feet, ways = nodal @ points, nodal @ displacement
-        wanted = _equal_volumes(surface, feet, ways, sites)
+
+        def wanted(sites: np.ndarray) -> np.ndarray:
+            return _equal_volumes(surface, feet, ways, sites)
     else:
-        count = len(bspline.breakpoints(knots)) - 1
         ratio = np.full(len(points), spacing.value)
         if spacing.kind == "first":
             if heights is None:
                 heights = np.linalg.norm(displacement, axis=1)
             ratio = _ratio_of_first(spacing.value / np.maximum(heights, 1e-300), count)
-        wanted = _graded(ratio, count, sites)
-    collocation = bspline.basis_matrix(degree, knots, sites).toarray()
-    shares = np.linalg.solve(collocation, wanted)
-    # a column whose spline would not rise everywhere keeps the even spacing
-    even = bspline.greville(degree, knots)[:, None]
-    rising = np.all(np.diff(shares, axis=0) > 1e-4 * np.diff(wanted, axis=0).min(axis=0), axis=0)
-    return _at_shares(points, displacement, np.where(rising, shares, even))
+
+        def wanted(sites: np.ndarray) -> np.ndarray:
+            return _graded(ratio, count, sites)
+
+    sites, even = _sites(degree, knots), bspline.greville(degree, knots)
+    ends = wanted(sites)
+    shares = np.linalg.solve(bspline.basis_matrix(degree, knots, sites).toarray(), ends)
+    rising = np.all(np.diff(shares, axis=0) > 1e-4 * np.diff(ends, axis=0).min(axis=0), axis=0)
+    # a column whose spline would not rise everywhere takes the values at the Greville abscissae,
+    # which do: its layers end nearly where they should
+    shares = np.where(rising, shares, wanted(even))
+    shares = (1.0 - evened) * shares + evened * even[:, None]
+    return _at_shares(points, displacement, shares)
+
+
+def trials(spacing: Spacing) -> list[tuple[float, str]]:
+    """How far to even layers out, one after the other until all elements are proved.
+
+    Returns
+    -------
+    list of (float, str)
+        ``evened`` of :func:`spaced_layers`, and what to tell the user then.
+    """
+    if spacing.kind == "distance":
+        return [(0.0, "")]
+    told = f"not all elements are proved in layers as asked ({spacing.text}); they are"
+    return [
+        (0.0, ""),
+        *((share, f"{told} {100 * share:.0f} % of the way to equal heights") for share in EVENED),
+        (1.0, f"{told} layers of equal height"),
+    ]
 
 
 def _at_shares(points: np.ndarray, displacement: np.ndarray, shares: np.ndarray) -> np.ndarray:
