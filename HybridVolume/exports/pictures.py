@@ -445,8 +445,11 @@ def _box(volume: HybridVolume) -> tuple[np.ndarray, np.ndarray]:
 
 def _axes(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Unit vectors along the middle, the longest and the shortest extent; right-handed."""
-    order = np.argsort(high - low, kind="stable")
-    along, up = np.eye(3)[order[2]], np.eye(3)[order[0]]
+    # the same choice as in the cut, also where two extents are equal
+    extent = high - low
+    longest = int(np.argmax(extent))
+    shortest = int(np.argmin(np.where(np.arange(3) == longest, np.inf, extent)))
+    along, up = np.eye(3)[longest], np.eye(3)[shortest]
     return np.cross(along, up), along, up
 
 
