@@ -13,9 +13,9 @@ from HybridVolume.core.assembly import build_surface
 from HybridVolume.core.bezier import bernstein
 from HybridVolume.core.check import check_surface
 from HybridVolume.core.column_samples import column_samples
+from HybridVolume.core.column_state import nodal_matrix, polynomial_correction
 from HybridVolume.core.cones import most_inward
 from HybridVolume.core.front import column_frame
-from HybridVolume.core.growth import _nodal_matrix, _polynomial_correction
 from HybridVolume.core.levels import spaced_layers, uniform_layers
 from HybridVolume.core.refinement import flatten_spans, insert_knots, split_spans
 from HybridVolume.core.shell import Shell
@@ -59,8 +59,8 @@ def test_outer_layer_keeps_every_bit():
 def test_rational_shell_agrees_with_the_volumes_of_its_two_boundaries():
     surface = flatten_spans(surface_of(bodies.sphere()))
     frame = column_frame(surface)
-    nodal = _nodal_matrix(surface)
-    bulge = _polynomial_correction(surface, frame.nodes, nodal)
+    nodal = nodal_matrix(surface)
+    bulge = polynomial_correction(surface, frame.nodes, nodal)
     knots = bspline.clamped_knots(3, 3)
     points = uniform_layers(surface.control_points, bulge - 0.3 * surface.control_points, 3, knots)
     shell = Shell(surface, points, 3, knots)
@@ -87,7 +87,7 @@ def test_derivatives_of_the_shell_match_differences():
 def test_polynomial_correction_brings_the_unweighted_surface_back():
     surface = flatten_spans(surface_of(bodies.torus()))
     frame = column_frame(surface)
-    bulge = _polynomial_correction(surface, frame.nodes, _nodal_matrix(surface))
+    bulge = polynomial_correction(surface, frame.nodes, nodal_matrix(surface))
     plain = surface.with_points(surface.control_points + bulge, polynomial=True)
     assert np.abs(plain.triangulation("greville").vertices - frame.nodes).max() < 1e-12
     # without it the arcs bulge out by far more
@@ -162,8 +162,8 @@ def test_most_inward_direction_of_a_cube_corner():
 def test_energy_gradient_matches_differences(body, share, eps):
     surface = flatten_spans(surface_of(body))
     frame = column_frame(surface)
-    nodal = _nodal_matrix(surface)
-    bulge = _polynomial_correction(surface, frame.nodes, nodal)
+    nodal = nodal_matrix(surface)
+    bulge = polynomial_correction(surface, frame.nodes, nodal)
     rng = np.random.default_rng(5)
     d = frame.direction + 3e-3 * rng.normal(size=bulge.shape)
     d *= share * frame.smooth(frame.spacing, 3, least=True)[:, None]
@@ -196,8 +196,8 @@ def test_samples_agree_with_the_shell():
     """det A times det S is det J of the shell that the samples stand for."""
     for body in (bodies.cylinder(), bodies.box(spans=(2, 2, 1))):
         surface = flatten_spans(surface_of(body))
-        frame, nodal = column_frame(surface), _nodal_matrix(surface)
-        base = surface.control_points + _polynomial_correction(surface, frame.nodes, nodal)
+        frame, nodal = column_frame(surface), nodal_matrix(surface)
+        base = surface.control_points + polynomial_correction(surface, frame.nodes, nodal)
         d = 0.1 * frame.direction
         knots = bspline.clamped_knots(3, 1)
         layers = uniform_layers(base, d, 3, knots)

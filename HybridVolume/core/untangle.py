@@ -17,6 +17,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from .column_samples import ColumnSamples, column_samples
+from .contacts import Planes
 from .harmonic import HarmonicField
 from .quadrature import lobatto
 from .surface import PatchSurface
@@ -25,6 +26,8 @@ logger = logging.getLogger(__name__)
 
 ACROSS = np.array([0.0, 0.5, 1.0])
 """Places of the samples in w: on straight columns det J is quadratic in w."""
+FLOOR = 0.1
+"""Share of the target below which the level counts no longer in the logarithm but as it is."""
 BARRIER = 1e-9
 """Regularisation at which an inverted sample costs so much that no step takes it."""
 
@@ -57,6 +60,8 @@ class ColumnEnergy:
         Weight of the distance from the target.
     emphasis : (elements,) array, optional
         Weight of each surface element; all are equal otherwise.
+    planes : Planes, optional
+        Planes that points of the inner surface should stay above.
     """
 
     def __init__(
@@ -73,6 +78,7 @@ class ColumnEnergy:
         free: np.ndarray | None = None,
         fidelity: float = 0.0,
         emphasis: np.ndarray | None = None,
+        planes: Planes | None = None,
     ) -> None:
         self.surface = surface
         self.base = base
@@ -80,6 +86,7 @@ class ColumnEnergy:
         self.degree_w = degree_w
         self.reference = reference
         self.fidelity = fidelity
+        self.planes = planes
         self.eps = BARRIER
         self.d = d.copy()
         self.free = np.arange(len(d)) if free is None else np.flatnonzero(free)
@@ -129,6 +136,18 @@ class ColumnEnergy:
         w, gradient, _, self.near = self.field.evaluate_near(points, self.near)
         return w, gradient
 
+    def _off(self, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distance from the target as a share of it, and its derivative by w.
+
+        Below the target it is logarithmic: in an edge of angle a the level falls like the distance
+        to the power of pi / a, so that (w - target) would hardly draw a point out of a sharp edge.
+        """
+        low = np.clip(w, 0.0, self.target) + FLOOR * self.target
+        rate = (1.0 + FLOOR) / low
+        off = (1.0 + FLOOR) * np.log(low / ((1.0 + FLOOR) * self.target))
+        off += np.minimum(w, 0.0) * rate + np.maximum(w - self.target, 0.0) / self.target
+        return off, rate
+
     def preconditioner(self) -> Callable[[np.ndarray], np.ndarray]:
         """Solver of the energy's convex part: the Dirichlet energy of A and the pull to w = w0.
 
@@ -145,10 +164,12 @@ class ColumnEnergy:
             (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(n, n)
         )
         if self.fidelity > 0.0:
-            _, slope = self.level(self.d)
-            steep = np.einsum("li,li->l", slope, slope) / self.target**2
+            w, slope = self.level(self.d)
+            steep = np.einsum("li,li->l", slope, slope) * self._off(w)[1] ** 2
             steep *= 2.0 * self.fidelity / n / 3.0
             matrix = matrix + self.nodal_t @ sparse.diags(steep) @ self.nodal
+        if self.planes is not None:
+            matrix = matrix + self.planes.stiffness()
         matrix = matrix[self.free][:, self.free]
         matrix = matrix + 1e-12 * matrix.diagonal().mean() * sparse.eye(len(self.free))
         solve = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
@@ -169,10 +190,14 @@ class ColumnEnergy:
             gradient += pull
         if self.fidelity > 0.0:
             w, slope = self.level(d)
-            off = (w - self.target) / self.target
+            off, rate = self._off(w)
             share = self.fidelity / len(d)
             energy += share * float(off @ off)
-            gradient += self.nodal_t @ ((2.0 * share * off / self.target)[:, None] * slope)
+            gradient += self.nodal_t @ ((2.0 * share * off * rate)[:, None] * slope)
+        if self.planes is not None:
+            part, pull = self.planes.energy(self.base + d)
+            energy += part
+            gradient += pull
         return energy, gradient[self.free].ravel()
 
 

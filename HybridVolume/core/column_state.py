@@ -1,0 +1,267 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""States of the columns of a shell, and what is known about them.
+
+A state counts only when two conditions hold together: every Bézier element is proved valid (local),
+and the inner surface does not cut itself (global). Then the shell is one-to-one: the number of its
+points at a place is the winding number of the outer boundary less that of the inner one, which is
+never negative where det J > 0, so the inner surface lies inside the outer one and every place
+between them is taken once.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from . import bspline
+from .bound import scaled_jacobian_bound
+from .contacts import Planes, TestGrid, planes_between
+from .front import ColumnFrame, column_frame, solve_front
+from .harmonic import HarmonicField
+from .levels import uniform_layers
+from .shell import Shell
+from .surface import PatchSurface
+from .untangle import ColumnEnergy, elements_with, points_of
+from .validity import Certificate, certify, scaled_jacobian
+
+logger = logging.getLogger(__name__)
+
+SHAPELY = 0.8
+"""Share of the body's bound of the scaled Jacobian from which on a shape does not count."""
+LEAST_BOUND = 0.02
+"""Elements whose own surface allows less than this have no shape to be kept."""
+FLAT = 0.2
+"""Share of the level that is worth giving up for elements that are not flat."""
+GRIDS = (1, 2)
+"""Cells a knot span in the triangulations that are tested for crossings.
+
+One cell a span is what the core's boundary has, two follow the curves."""
+
+
+@dataclass(frozen=True)
+class ColumnState:
+    """A set of columns and what is known about them.
+
+    Attributes
+    ----------
+    d : (n, 3) array
+        Displacements of the control points, mm.
+    certificate : Certificate
+        Of the elements of one layer.
+    crossing : (k,) int array
+        Elements whose inner sides cut something.
+    w : (n,) array
+        Level at each Greville point of the inner surface.
+    mean, rms : float
+        Mean of ``w`` over the surface's area and its deviation.
+    """
+
+    d: np.ndarray
+    certificate: Certificate
+    crossing: np.ndarray
+    w: np.ndarray
+    mean: float
+    rms: float
+
+    @property
+    def accepted(self) -> bool:
+        """Every element is proved and nothing crosses."""
+        return self.certificate.all_valid and not len(self.crossing)
+
+    @cached_property
+    def unproved(self) -> np.ndarray:
+        """Surface elements that are not proved."""
+        return self.certificate.element[self.certificate.status < 1]
+
+    @cached_property
+    def bad(self) -> np.ndarray:
+        """Surface elements that are not proved or that cross others."""
+        return np.union1d(self.unproved, self.crossing)
+
+
+class ColumnSpace:
+    """Everything that states of columns on one surface in one field have in common.
+
+    Parameters
+    ----------
+    surface : PatchSurface
+    field : HarmonicField
+    degree_w : int
+        Degree across the shell.
+    """
+
+    def __init__(self, surface: PatchSurface, field: HarmonicField, degree_w: int) -> None:
+        self.surface = surface
+        self.field = field
+        self.degree_w = degree_w
+        self.knots_w = bspline.clamped_knots(degree_w, 1)
+        self.frame: ColumnFrame = column_frame(surface)
+        self.area = self.frame.area / self.frame.area.sum()
+        self.nodal = nodal_matrix(surface)
+        # feet of the columns: all layers but the outermost stand on them
+        self.base = surface.control_points + polynomial_correction(
+            surface, self.frame.nodes, self.nodal
+        )
+        self.level_counts = True  # or only shapes do, where less fidelity is asked for
+        self.reach = 0.3 * self.frame.spacing
+        self.grids = [TestGrid(surface, cells) for cells in GRIDS]
+        # where even the outer surface is cut by its own coarse triangles, they tell nothing
+        self.grids = [grid for grid in self.grids if grid.outer_embedded] or self.grids[-1:]
+        bound = scaled_jacobian_bound(surface)
+        usable = bound[bound > LEAST_BOUND]
+        self.shapely = SHAPELY * float(usable.min()) if len(usable) else LEAST_BOUND
+
+    def shell(self, d: np.ndarray) -> Shell:
+        """The shell of one layer on given columns."""
+        layers = uniform_layers(self.base, d, self.degree_w, self.knots_w)
+        layers[0] = self.surface.control_points
+        return Shell(self.surface, layers, self.degree_w, self.knots_w)
+
+    def certificate(self, d: np.ndarray) -> Certificate:
+        """What can be proved about the elements of given columns."""
+        return certify(self.shell(d).bezier_elements())
+
+    def check(self, d: np.ndarray) -> ColumnState:
+        """Prove, test and measure columns."""
+        certificate = self.certificate(d)
+        crossing = np.zeros(0, dtype=int)
+        # far from valid there is nothing to be learnt from crossings
+        if certificate.invalid + certificate.undecided <= 0.02 * self.surface.element_count:
+            found = [grid.element[grid.crossing(self.base + d)[1].ravel()] for grid in self.grids]
+            crossing = np.unique(np.concatenate(found))
+        w, _, _ = self.field.evaluate(self.nodal @ (self.base + d))
+        mean = float(self.area @ w)
+        rms = float(np.sqrt(self.area @ (w - mean) ** 2))
+        logger.info(
+            "columns: %d invalid, %d undecided, %d crossing, w %.3f (rms %.3f)",
+            certificate.invalid,
+            certificate.undecided,
+            len(crossing),
+            mean,
+            rms,
+        )
+        return ColumnState(d, certificate, crossing, w, mean, rms)
+
+    def planes(self, sound: np.ndarray, wanted: np.ndarray) -> Planes:
+        """Planes between what crosses in wanted columns, from columns that are sound."""
+        found = []
+        for grid in self.grids:
+            triangles, pairs = grid.crossing(self.base + wanted)
+            found.append(planes_between(grid, triangles, pairs, self.base + sound))
+        return found[0] if len(found) == 1 else found[0].joined(found[1])
+
+    def front(self, goal: np.ndarray) -> np.ndarray:
+        """Displacements of the control points to the solved front at given levels."""
+        return solve_front(self.surface, self.frame, self.field, goal)
+
+    def off(self, state: ColumnState, goal: np.ndarray) -> float:
+        """Root mean square distance from the levels, as a share of their mean."""
+        return float(np.sqrt(self.area @ (state.w - goal) ** 2) / (self.area @ goal))
+
+    def shapes(self, state: ColumnState) -> np.ndarray:
+        """Smallest scaled Jacobian of every element."""
+        return scaled_jacobian(self.shell(state.d).bezier_elements())
+
+    def fault(self, state: ColumnState, goal: np.ndarray) -> float:
+        """How far an accepted state is from the levels, flat elements counted as well."""
+        flattest = float(self.shapes(state).min())
+        off = self.off(state, goal) if self.level_counts else 0.0
+        return off + FLAT * max(0.0, 1.0 - flattest / self.shapely)
+
+    def reference(self, d: np.ndarray) -> np.ndarray:
+        """Thickness at the control points that the elements should have, from columns ``d``."""
+        along = self.frame.mean_normal_length(d)
+        usable = along > 0
+        floor = 0.1 * np.median(along[usable]) if usable.any() else 0.1
+        floor = np.minimum(floor, 0.5 * self.frame.spacing)
+        return self.frame.smooth(np.maximum(along, floor), 2)
+
+    def energy(
+        self,
+        d: np.ndarray,
+        goal: np.ndarray,
+        fidelity: float,
+        *,
+        like: np.ndarray | None = None,
+        free: np.ndarray | None = None,
+        planes: Planes | None = None,
+        emphasis: np.ndarray | None = None,
+    ) -> ColumnEnergy:
+        """Energy of the columns ``d``, all or some of them free.
+
+        Parameters
+        ----------
+        d : (n, 3) array
+        goal : (n,) array
+            Levels.
+        fidelity : float
+        like : (n, 3) array, optional
+            Columns of the thickness that elements should have; ``d`` otherwise.
+        free, planes, emphasis
+            As for :class:`HybridVolume.core.untangle.ColumnEnergy`.
+        """
+        return ColumnEnergy(
+            self.surface,
+            self.base,
+            self.field,
+            goal,
+            self.reference(d if like is None else like),
+            self.degree_w,
+            self.nodal,
+            d,
+            free=free,
+            fidelity=fidelity,
+            planes=planes,
+            emphasis=emphasis,
+        )
+
+    def around(self, elements: np.ndarray, rings: int) -> np.ndarray:
+        """1 at the control points of some elements, falling to 0 over rings of elements."""
+        points = points_of(self.surface, elements)
+        near = np.zeros(len(self.reach))
+        for ring in range(rings):
+            share = 1.0 - ring / rings
+            near[points] = np.maximum(near[points], share)
+            points = points_of(self.surface, elements_with(self.surface, points))
+        return near
+
+
+def nodal_matrix(surface: PatchSurface) -> sparse.csr_matrix:
+    """Polynomial B-splines of all control points at the Greville points, (n, n)."""
+    n = len(surface.control_points)
+    rows, columns, values = [], [], []
+    seen = np.zeros(n, dtype=bool)
+    for patch in surface.patches:
+        matrices = [
+            bspline.basis_matrix(p, knots, bspline.greville(p, knots))
+            for p, knots in zip(patch.degrees, patch.knots, strict=True)
+        ]
+        full = sparse.kron(*matrices, format="coo")
+        flat = patch.index.ravel()
+        keep = ~seen[flat[full.row]]
+        rows.append(flat[full.row[keep]])
+        columns.append(flat[full.col[keep]])
+        values.append(full.data[keep])
+        seen[flat] = True
+    data = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
+    return sparse.csr_matrix(data, shape=(n, n))
+
+
+def polynomial_correction(
+    surface: PatchSurface, nodes: np.ndarray, nodal: sparse.csr_matrix
+) -> np.ndarray:
+    """Shift that makes the polynomial surface over all control points pass the rational nodes.
+
+    The inner layers have weights 1 (section 3.2), and without weights the control points of an arc
+    make a curve that bulges out of it; a thin shell would be inside out. Zero for polynomials.
+    """
+    off = nodes - nodal @ surface.control_points
+    if not surface.rational:
+        return np.zeros_like(nodes)
+    return splu(nodal.tocsc()).solve(off)
