@@ -114,7 +114,7 @@ class TaskPanel:
             messages.tell("Hybrid volume", "It is still being computed. Wait, or press Cancel.")
             return False
         try:
-            changed = self._changed_values()
+            changed = {} if self._gone() else self._changed_values()
             if changed:
                 self._macro.run("set", changed)
         except HybridVolumeError as error:
@@ -141,6 +141,10 @@ class TaskPanel:
     def isAllowedAlterView(self) -> bool:
         """Leave the view usable while the panel is open."""
         return True
+
+    def _gone(self) -> bool:
+        """Whether what the panel is about was deleted, or its document closed."""
+        return any(map(is_deleted, filter(None, (self._source, self._volume))))
 
     def _close(self) -> None:
         self._clean()
@@ -171,6 +175,8 @@ class TaskPanel:
             return
         self.form.log.clear()
         try:
+            if self._gone():
+                raise InputError("the body or its volume was deleted", remedy="close the panel")
             setup = environment_setup()
             self._parameters = self._read_form()
             options_of(self._parameters)  # a value out of its range is refused at once
@@ -375,9 +381,8 @@ class TaskPanel:
         doc = FreeCAD.listDocuments().get(self._document)
         if doc is None:
             raise InputError("the document was closed; the result is dropped")
-        for obj in filter(None, (self._source, self._volume)):
-            if is_deleted(obj):
-                raise InputError("the body or its volume was deleted while it was computed")
+        if self._gone():
+            raise InputError("the body or its volume was deleted while it was computed")
         engine = preferences.load().engine
         return self._macro.completed(
             self._parameters,
