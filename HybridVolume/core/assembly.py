@@ -72,6 +72,8 @@ def _conform(nets: list[Net], partner: np.ndarray, reverse: np.ndarray) -> None:
     label, turn, symmetric = direction_strips(partner, reverse)
     for strip in range(label.max() + 1):
         members = np.argwhere(label == strip)
+        if _agree([(nets[k].degrees[d], nets[k].knots[d]) for k, d in members]):
+            continue
         degree = max(nets[k].degrees[d] for k, d in members)
         vectors = []
         for k, d in members:
@@ -93,6 +95,15 @@ def _conform(nets: list[Net], partner: np.ndarray, reverse: np.ndarray) -> None:
             if len(wanted) != len(net.knots[d]):
                 net.refine(d, bspline.insertion_matrix(degree, net.knots[d], wanted))
                 net.knots[d] = wanted
+
+
+def _agree(splines: list[tuple[int, np.ndarray]]) -> bool:
+    """Whether all have one degree and one knot vector, which is the same both ways."""
+    degree, knots = splines[0]
+    if not np.array_equal(knots, 1.0 - knots[::-1]):
+        return False
+    given = knots.tobytes()
+    return all(p == degree and t.tobytes() == given for p, t in splines[1:])
 
 
 def direction_strips(

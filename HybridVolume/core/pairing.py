@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -46,6 +48,49 @@ class Net:
         return (basis @ (side_of(self.points, side) * w)) / (basis @ w)
 
 
+@lru_cache(maxsize=1024)
+def _cleaned_knots(degree: int, given: bytes, size: int) -> np.ndarray | tuple[str, str]:
+    """Knots on [0, 1], or what is wrong with them and what to do.
+
+    Parameters
+    ----------
+    degree : int
+    given : bytes
+        Of the knots as float64.
+    size : int
+        Number of control points.
+    """
+    raw = np.frombuffer(given)
+    if len(raw) != size + degree + 1 or np.any(np.diff(raw) < 0):
+        return (
+            f"{len(raw)} knots do not fit {size} control points of degree {degree}",
+            "repair the file",
+        )
+    span = raw[-1] - raw[0]
+    if span <= 0 or np.any(raw[: degree + 1] != raw[0]) or np.any(raw[-degree - 1 :] != raw[-1]):
+        return "the knots are not clamped", "export clamped NURBS"
+    unit = raw if raw[0] == 0.0 and raw[-1] == 1.0 else (raw - raw[0]) / span
+    # knots that differ by rounding only are one knot
+    close = np.concatenate([[False], np.diff(unit) < bspline.KNOT_TOLERANCE])
+    while np.any(close & (unit != np.concatenate([[unit[0]], unit[:-1]]))):
+        unit = np.where(close, np.concatenate([[unit[0]], unit[:-1]]), unit)
+    unit = unit.copy()
+    unit[-degree - 1 :] = 1.0
+    torn = bspline.torn_knots(degree, unit)
+    if len(torn):
+        return f"the face is torn at the inner knot {torn[0]:.6g}", "split the face there"
+    # many faces share it
+    unit.setflags(write=False)
+    return unit
+
+
+def _unit_knots(name: str, degree: int, given: bytes, size: int) -> np.ndarray:
+    found = _cleaned_knots(degree, given, size)
+    if isinstance(found, tuple):
+        raise errors.InputError(found[0], faces=[name], remedy=found[1])
+    return found
+
+
 def make_net(face: SplineFace) -> Net:
     """Check a face's arrays and bring its knots to [0, 1].
 
@@ -54,39 +99,12 @@ def make_net(face: SplineFace) -> Net:
     InputError
         Knots that do not fit or are not clamped, torn faces, weights that are not positive.
     """
-    knots = []
-    shape = face.control_points.shape[:2]
-    for direction in range(2):
-        raw = np.asarray(face.knots[direction], dtype=float)
-        degree = face.degrees[direction]
-        if len(raw) != shape[direction] + degree + 1 or np.any(np.diff(raw) < 0):
-            raise errors.InputError(
-                f"{len(raw)} knots do not fit {shape[direction]} control points of degree {degree}",
-                faces=[face.name],
-                remedy="repair the file",
-            )
-        span = raw[-1] - raw[0]
-        if (
-            span <= 0
-            or np.any(raw[: degree + 1] != raw[0])
-            or np.any(raw[-degree - 1 :] != raw[-1])
-        ):
-            raise errors.InputError(
-                "the knots are not clamped", faces=[face.name], remedy="export clamped NURBS"
-            )
-        unit = raw if raw[0] == 0.0 and raw[-1] == 1.0 else (raw - raw[0]) / span
-        # knots that differ by rounding only are one knot
-        close = np.concatenate([[False], np.diff(unit) < bspline.KNOT_TOLERANCE])
-        while np.any(close & (unit != np.concatenate([[unit[0]], unit[:-1]]))):
-            unit = np.where(close, np.concatenate([[unit[0]], unit[:-1]]), unit)
-        unit[-degree - 1 :] = 1.0
-        if len(bspline.torn_knots(degree, unit)):
-            raise errors.InputError(
-                f"the face is torn at the inner knot {bspline.torn_knots(degree, unit)[0]:.6g}",
-                faces=[face.name],
-                remedy="split the face there",
-            )
-        knots.append(unit)
+    knots = [
+        _unit_knots(
+            face.name, face.degrees[d], np.asarray(face.knots[d], dtype=float).tobytes(), size
+        )
+        for d, size in enumerate(face.control_points.shape[:2])
+    ]
     weights = np.asarray(face.weights, dtype=float)
     points = np.asarray(face.control_points, dtype=float)
     if not (np.all(np.isfinite(points)) and np.all(np.isfinite(weights))):
@@ -106,15 +124,16 @@ def make_net(face: SplineFace) -> Net:
 def check_sides(nets: list[Net], gap: float) -> None:
     """Refuse sides without length (DegenerateSideError); ``gap`` in mm."""
     degenerate = []
-    for net in nets:
-        for side in range(4):
-            if np.linalg.norm(np.ptp(side_of(net.points, side), axis=0)) <= gap:
-                degenerate.append(net.name)
-                break
+    for members in _same(net.weights.shape for net in nets):
+        points = np.stack([nets[k].points for k in members])
+        flat = np.zeros(len(members), dtype=bool)
+        for side in (points[:, 0], points[:, -1], points[:, :, 0], points[:, :, -1]):
+            flat |= np.linalg.norm(np.ptp(side, axis=1), axis=1) <= gap
+        degenerate += [nets[members[k]].name for k in np.flatnonzero(flat)]
     if degenerate:
         raise errors.DegenerateSideError(
             "a side has no length (a pole)",
-            faces=degenerate,
+            faces=natural_order(set(degenerate)),
             remedy="split the face so that every patch has four sides",
         )
 
@@ -139,9 +158,7 @@ def pair_sides(nets: list[Net], gap: float) -> tuple[np.ndarray, np.ndarray]:
     ------
     NonManifoldError, SeamError, TJunctionError, GapError, OpenBodyError
     """
-    samples = np.array(
-        [net.side_points(side, _SAMPLES) for net in nets for side in range(4)]
-    )  # (4 np, samples, 3)
+    samples = _side_samples(nets, _SAMPLES)
     middle = samples[:, len(_SAMPLES) // 2]
     tree = cKDTree(middle)
     pairs = tree.query_pairs(4.0 * gap, output_type="ndarray")
@@ -174,6 +191,31 @@ def pair_sides(nets: list[Net], gap: float) -> tuple[np.ndarray, np.ndarray]:
         partner[pairs[:, a], 1] = pairs[:, b] % 4
         reverse[pairs[:, a]] = turned
     return partner.reshape(-1, 4, 2), reverse.reshape(-1, 4)
+
+
+def _side_samples(nets: list[Net], t: np.ndarray) -> np.ndarray:
+    """Points of the curves of all sides, (4 np, samples, 3)."""
+    samples = np.empty((len(nets), 4, len(t), 3))
+    kinds = ((net.weights.shape, *net.degrees, *(k.tobytes() for k in net.knots)) for net in nets)
+    for members in _same(kinds):
+        net = nets[members[0]]
+        weights = np.stack([nets[k].weights for k in members])
+        points = np.stack([nets[k].points for k in members]) * weights[..., None]
+        for side in range(4):
+            d = SIDE_DIRECTION[side]
+            basis = bspline.basis_matrix(net.degrees[d], net.knots[d], t).toarray()
+            w, x = (side_of(np.moveaxis(a, 0, 2), side) for a in (weights, points))
+            value = np.einsum("tn,nmc->mtc", basis, x)
+            samples[members, side] = value / np.einsum("tn,nm->mt", basis, w)[..., None]
+    return samples.reshape(-1, len(t), 3)
+
+
+def _same(kinds: Iterable[Hashable]) -> list[np.ndarray]:
+    """Positions of equal things, each kind once."""
+    found: dict[Hashable, list[int]] = {}
+    for k, kind in enumerate(kinds):
+        found.setdefault(kind, []).append(k)
+    return [np.array(members) for members in found.values()]
 
 
 def _refuse_lonely(nets: list[Net], samples: np.ndarray, lonely: np.ndarray, gap: float) -> None:
