@@ -113,6 +113,10 @@ def pixel(place):
     return QtGui.QColor(image.pixel(place.x(), place.y())).getRgb()[:3]
 
 
+def is_red(colour):
+    return colour[0] > 1.5 * max(colour[1:])
+
+
 def middle_of_view():
     return viewport().mapToGlobal(viewport().rect().center())
 
@@ -327,7 +331,11 @@ def ring(answer):
     preview._field = dataclasses.replace(field, genus=np.array([3]), largest_w0=0.3)
     release()
     child("w0Slider", QtGui.QSlider).setValue(55)
-    wait(400)
+    # a busy machine paints late
+    for _ in range(20):
+        wait(300)
+        if sum(is_red(pixel(p)) for p in around(body)) >= 14:
+            break
     answer["too far"] = {**told(), "pixels": [pixel(p) for p in around(body)]}
     preview._field = field
     press("showInner")

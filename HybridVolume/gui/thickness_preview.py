@@ -359,6 +359,6 @@ def _legend() -> Any:
     for place, colour in thickness_scale(1.0).stops:
         gradient.setColorAt(place, QtGui.QColor.fromRgbF(*colour))
     painter = QtGui.QPainter(picture)
-    painter.fillRect(QtCore.QRect(QtCore.QPoint(), picture.size()), gradient)
+    painter.fillRect(QtCore.QRect(QtCore.QPoint(), picture.size()), QtGui.QBrush(gradient))
     painter.end()
     return picture
