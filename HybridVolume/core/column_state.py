@@ -105,9 +105,15 @@ class ColumnSpace:
         self.area = self.frame.area / self.frame.area.sum()
         self.nodal = nodal_matrix(surface)
         # feet of the columns: all layers but the outermost stand on them
-        self.base = surface.control_points + polynomial_correction(
-            surface, self.frame.nodes, self.nodal
-        )
+        correction = polynomial_correction(surface, self.frame.nodes, self.nodal)
+        # where the surface is singular columns start at its own control points and come to where
+        # the feet would be on their way
+        singular = np.flatnonzero(surface.singular_flags.any(axis=(1, 2)))
+        self.rest = np.zeros_like(correction)
+        if len(singular):
+            at = points_of(surface, singular)
+            self.rest[at] = correction[at]
+        self.base = surface.control_points + correction - self.rest
         self.level_counts = True  # or only shapes do, where less fidelity is asked for
         self.reach = 0.3 * self.frame.spacing
         self.grids = [TestGrid(surface, cells) for cells in GRIDS]
@@ -158,7 +164,7 @@ class ColumnSpace:
 
     def front(self, goal: np.ndarray) -> np.ndarray:
         """Displacements of the control points to the solved front at given levels."""
-        return solve_front(self.surface, self.frame, self.field, goal)
+        return self.rest + solve_front(self.surface, self.frame, self.field, goal)
 
     def off(self, state: ColumnState, goal: np.ndarray) -> float:
         """Root mean square distance from the levels, as a share of their mean."""
@@ -174,9 +180,13 @@ class ColumnSpace:
         off = self.off(state, goal) if self.level_counts else 0.0
         return off + FLAT * max(0.0, 1.0 - flattest / self.shapely)
 
+    def heights(self, d: np.ndarray) -> np.ndarray:
+        """How far columns reach across the surface, (n,), mm."""
+        return self.frame.mean_normal_length(d - self.rest)
+
     def reference(self, d: np.ndarray) -> np.ndarray:
         """Thickness at the control points that the elements should have, from columns ``d``."""
-        along = self.frame.mean_normal_length(d)
+        along = self.heights(d)
         usable = along > 0
         floor = 0.1 * np.median(along[usable]) if usable.any() else 0.1
         floor = np.minimum(floor, 0.5 * self.frame.spacing)

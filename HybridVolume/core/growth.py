@@ -20,7 +20,7 @@ from .column_state import ColumnSpace, ColumnState
 from .contacts import Planes
 from .goals import Thickness, goal_levels, usable_level
 from .harmonic import HarmonicField
-from .levels import Spacing, spaced_layers, trials
+from .levels import Spacing, spaced_layers, trials, uniform_layers
 from .shell import Shell
 from .surface import PatchSurface
 from .untangle import optimise, points_of
@@ -232,8 +232,8 @@ class _Grower(ColumnSpace):
             d = state.d
             # overlap is no matter of shape: only a thinner shell cures it
             if number or len(state.crossing):
-                along = np.maximum(self.frame.mean_normal_length(d), 0.1 * self.frame.spacing)
-                straight = 0.5 * along[:, None] * self.frame.direction
+                along = np.maximum(self.heights(d), 0.1 * self.frame.spacing)
+                straight = self.rest + 0.5 * along[:, None] * self.frame.direction
                 d = d + near[:, None] * (straight - d)
             energy = self.energy(d, goal * (1.0 - 0.4 * near), fidelity, free=near > 0)
             energy.add_samples(np.intersect1d(bad, energy.elements), 7 if number < 3 else 9)
@@ -244,7 +244,7 @@ class _Grower(ColumnSpace):
         """The thickest of the thin straight shells that is proved, and the last one tried."""
         spacing = self.frame.smooth(self.frame.spacing, 3, least=True)
         for share in THIN_STARTS:
-            state = self.check((share * spacing)[:, None] * self.frame.direction)
+            state = self.check(self.rest + (share * spacing)[:, None] * self.frame.direction)
             if state.accepted:
                 return state, state
         return None, state
@@ -351,11 +351,6 @@ def grow_shell(
     if best is None:
         notes.append("grown from a thin start")
         best = grower.grow(goal)
-    if best.mean < 0.9 * asked:
-        notes.append(
-            f"w0 = {asked:.3g} was asked; the thickest shell that could be proved has a mean of"
-            f" {best.mean:.3g}"
-        )
     shell, certificate, spaced = _layered(grower, best, layers, spacing or Spacing())
     notes += spaced
     shell = replace(
@@ -377,7 +372,7 @@ def _layered(
     """Cut the columns into layers and prove all elements once more; notes where that failed."""
     surface, degree = grower.surface, grower.degree_w
     knots = bspline.clamped_knots(degree, layers)
-    heights = grower.frame.mean_normal_length(best.d)
+    heights = grower.heights(best.d)
     feet = [grower.base]
     if surface.rational:
         # near singular corners columns that start at the rational control points themselves hold
@@ -394,6 +389,10 @@ def _layered(
             certificate = certify(shell.bezier_elements())
             if certificate.all_valid:
                 return shell, certificate, [note] if note else []
+    fewer = layers // 2
+    while fewer and not _proved(grower, best, fewer):
+        fewer //= 2
+    advice = "insert knots at these faces"
     raise errors.ThicknessError(
         f"{certificate.invalid + certificate.undecided} elements are not proved when the shell is"
         f" cut into {layers} layers",
@@ -401,5 +400,14 @@ def _layered(
             surface.patches[k].face for k in np.unique(certificate.patch[certificate.status < 1])
         ],
         figure=float(certificate.invalid + certificate.undecided),
-        remedy="take fewer layers",
+        remedy=f"take {fewer} layers of equal height, or {advice}" if fewer else advice,
     )
+
+
+def _proved(grower: _Grower, best: ColumnState, layers: int) -> bool:
+    """Whether the columns can be cut into some layers of equal height."""
+    knots = bspline.clamped_knots(grower.degree_w, layers)
+    points = uniform_layers(grower.base, best.d, grower.degree_w, knots)
+    points[0] = grower.surface.control_points
+    shell = Shell(grower.surface, points, grower.degree_w, knots)
+    return certify(shell.bezier_elements()).all_valid
