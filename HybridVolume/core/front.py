@@ -19,6 +19,7 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, cg
 
 from .. import errors
+from .bspline import greville
 from .cones import most_inward
 from .harmonic import HarmonicField
 from .singular import normals_around
@@ -119,35 +120,43 @@ def column_frame(surface: PatchSurface) -> ColumnFrame:
     n = len(nodes)
     normals, owners, edges, conductance = [], [], [], []
     area = np.zeros(n)
-    for k, grid in enumerate(mesh.grids):
-        uu, vv = np.meshgrid(mesh.grid_u[k], mesh.grid_v[k], indexing="ij")
-        _, x_u, x_v = surface.evaluate(k, uu.ravel(), vv.ravel(), 1)
-        normals.append(-np.cross(x_u, x_v))
+    for stack in surface.stacks:
+        grid = stack.index
+        lines = [greville(p, t) for p, t in zip(stack.degrees, stack.knots, strict=True)]
+        u, v = (a.ravel() for a in np.meshgrid(*lines, indexing="ij"))
+        patch = np.repeat(stack.members, len(u))
+        times = len(stack.members)
+        _, x_u, x_v = surface.evaluate_at(patch, np.tile(u, times), np.tile(v, times), 1)
+        normal = -np.cross(x_u, x_v).reshape(times, -1, 3)
+        normals.append(normal.reshape(-1, 3))
         owners.append(grid.ravel())
         # where the normal is zero those around it count: a column must be inward for all of them
-        size = np.linalg.norm(normals[-1], axis=1)
-        zero = size < 1e-9 * size.max()
-        if zero.any():
-            around = normals_around(surface, k, uu.ravel()[zero], vv.ravel()[zero])
+        size = np.linalg.norm(normal, axis=2)
+        zero = size < 1e-9 * size.max(axis=1, keepdims=True)
+        for place in np.flatnonzero(zero.any(axis=1)):
+            rows = zero[place]
+            around = normals_around(surface, stack.members[place], u[rows], v[rows])
             normals.append(around.reshape(-1, 3))
-            owners.append(np.tile(grid.ravel()[zero], len(around)))
+            owners.append(np.tile(grid[place].ravel()[rows], len(around)))
         x = nodes[grid]
-        du = np.linalg.norm(np.diff(x, axis=0), axis=2)
-        dv = np.linalg.norm(np.diff(x, axis=1), axis=2)
-        across_u = 0.5 * (dv[:-1] + dv[1:])  # mean length across a cell, (nu-1, nv-1)
-        across_v = 0.5 * (du[:, :-1] + du[:, 1:])
-        dual_u = 0.5 * (np.pad(across_u, ((0, 0), (0, 1))) + np.pad(across_u, ((0, 0), (1, 0))))
-        dual_v = 0.5 * (np.pad(across_v, ((0, 1), (0, 0))) + np.pad(across_v, ((1, 0), (0, 0))))
+        du = np.linalg.norm(np.diff(x, axis=1), axis=3)
+        dv = np.linalg.norm(np.diff(x, axis=2), axis=3)
+        across_u = 0.5 * (dv[:, :-1] + dv[:, 1:])  # mean length across a cell, (m, nu-1, nv-1)
+        across_v = 0.5 * (du[:, :, :-1] + du[:, :, 1:])
+        low, high, none = (1, 0), (0, 1), (0, 0)
+        dual_u = 0.5 * (np.pad(across_u, (none, none, high)) + np.pad(across_u, (none, none, low)))
+        dual_v = 0.5 * (np.pad(across_v, (none, high, none)) + np.pad(across_v, (none, low, none)))
         for ends, dual, length in (
-            ((grid[:-1], grid[1:]), dual_u, du),
-            ((grid[:, :-1], grid[:, 1:]), dual_v, dv),
+            ((grid[:, :-1], grid[:, 1:]), dual_u, du),
+            ((grid[:, :, :-1], grid[:, :, 1:]), dual_v, dv),
         ):
             edges.append(np.column_stack([ends[0].ravel(), ends[1].ravel()]))
-            floor = 1e-3 * np.median(length)
+            floor = 1e-3 * np.median(length, axis=(1, 2), keepdims=True)
             conductance.append((dual / np.maximum(length, floor)).ravel())
         cell = across_u * across_v / 4.0
-        for corner in (grid[:-1, :-1], grid[1:, :-1], grid[:-1, 1:], grid[1:, 1:]):
-            np.add.at(area, corner, cell)
+        for rows in (slice(None, -1), slice(1, None)):
+            for columns in (slice(None, -1), slice(1, None)):
+                area += np.bincount(grid[:, rows, columns].ravel(), cell.ravel(), n)
     normals, owners = np.concatenate(normals), np.concatenate(owners)
     edges, conductance = np.concatenate(edges), np.concatenate(conductance)
     size = np.linalg.norm(normals, axis=1)
