@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 VERSION = 1
 """Of the JSON files."""
 LEVELS = (0.1, 0.3, 0.5, 0.7, 0.9)
+PARTS = ("shells", "shape", "layers", "paper", "rivals", "time", "pictures")
 QUICK = ("box_coarse", "L", "wedge_30", "sphere", "torus")
 """Bodies of ``--quick``, at .5 only."""
 LEVEL_BODIES = ("box", "L", "twisted_fichera", "chair_stand")
@@ -124,6 +125,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--quick", action="store_true", help=f"{', '.join(QUICK)} at .5 only, without rivals"
     )
+    parser.add_argument(
+        "--parts", nargs="+", choices=PARTS, default=PARTS, help="leave the other parts out"
+    )
     parser.add_argument("--again", action="store_true", help="do finished cases again")
     parser.add_argument(
         "--time-limit", type=float, default=600.0, metavar="S", help="seconds for a body (600)"
@@ -154,13 +158,14 @@ def run(options: argparse.Namespace) -> int:
         Options(w0=level)
     started = time.perf_counter()
     bodies, missing = chosen_bodies(options)
+    parts = ("shells",) if options.quick else tuple(options.parts)
     for body in bodies:
-        ask(body, levels, everything=not options.quick)
+        ask(body, levels, parts)
     bodies += [
         # the same body without what is under the GPL
         replace(b, asked={f"{b.name}@0.5-free": {"kind": "free", "w0_asked": 0.5}}, free_only=True)
         for b in bodies
-        if b.name == SPEED_BODY and 0.5 in levels
+        if b.name == SPEED_BODY and 0.5 in levels and "time" in parts
     ]
     folder = Path(options.output)
     (folder / "cases").mkdir(parents=True, exist_ok=True)
@@ -176,7 +181,7 @@ def run(options: argparse.Namespace) -> int:
         **runner.collected(bodies),
     }
     found["demands"] = demands(found)
-    found["pictures"] = [] if options.quick else draw(runner, bodies, found["cases"])
+    found["pictures"] = draw(runner, bodies, found["cases"]) if "pictures" in parts else []
     found["seconds"] = time.perf_counter() - started
     write_json(folder / "shell.json", found)
     text = as_markdown(found)
@@ -240,7 +245,7 @@ def _of_file(entry: Entry, taken: Mapping[str, Body]) -> list[Body]:
     return [replace(body, options=OPTIONS.get(name, {}), asked={}), *variants]
 
 
-def ask(body: Body, levels: Sequence[float], *, everything: bool) -> None:
+def ask(body: Body, levels: Sequence[float], parts: Sequence[str]) -> None:
     """Add the cases of a body."""
     from .shell_bodies import DEMANDS
 
@@ -248,20 +253,23 @@ def ask(body: Body, levels: Sequence[float], *, everything: bool) -> None:
         end = "" if kind == "shell" else f"-{kind}"
         body.asked[f"{body.name}@{level:g}{end}"] = {"kind": kind, "w0_asked": level}
 
-    for level in levels:
-        add("shell", level)
-    if 0.5 not in levels or not everything:
+    if "shells" in parts:
+        for level in levels:
+            add("shell", level)
+    if 0.5 not in levels:
         return
-    if body.name in DEMANDS and DEMANDS[body.name].shapely:
+    if "shape" in parts and body.name in DEMANDS and DEMANDS[body.name].shapely:
         add("shape", 0.5)
-    if body.name in LEVEL_BODIES:
+    if "layers" in parts and body.name in LEVEL_BODIES:
         add("levels", 0.5)
     if body.kind == "random" or body.error:
         return
-    for level in PAPER_LEVELS:
-        add("paper", level)
-    for level in RIVAL_LEVELS:
-        add("rivals", level)
+    if "paper" in parts:
+        for level in PAPER_LEVELS:
+            add("paper", level)
+    if "rivals" in parts:
+        for level in RIVAL_LEVELS:
+            add("rivals", level)
 
 
 class Runner:
