@@ -397,6 +397,17 @@ def test_many_patches_take_little_time():
     assert m.sheets[0].kept and m.area == pytest.approx((n - 2.0) ** 2, rel=0.01)
 
 
+def test_a_small_turned_ball_has_its_centre():
+    # of its inner balls, all as large as each other but for rounding, none may outdo the others
+    turn = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    faces = bodies.sphere().faces
+    faces = [replace(f, control_points=1e-3 * f.control_points @ turn.T) for f in faces]
+    m = medial_axis(build_surface(faces))
+    kept = m.vertices[m.facets[m.kept].ravel()]
+    assert len(kept) and np.linalg.norm(kept, axis=1).max() < 1e-5
+
+
 def test_same_seed_same_result():
     one = medial_axis(surface_of("L"), samples=4000)
     two = medial_axis(surface_of("L"), samples=4000)

@@ -230,9 +230,11 @@ def _to_level(
             break
         share[active] *= np.where(gap * last[active] < 0.0, 0.5, 1.0)
         last[active] = gap
-        slope = np.maximum(np.linalg.norm(gradient, axis=1), np.finfo(float).tiny)
-        step = share[active] * np.clip(gap / slope, -longest, longest)
-        x[active] += (step / slope)[:, None] * gradient
+        slope = np.linalg.norm(gradient, axis=1)
+        # where w is flat a point stays
+        step = np.clip(gap, -longest * slope, longest * slope) / np.where(slope > 0.0, slope, 1.0)
+        unit = gradient / np.where(slope > 0.0, slope, 1.0)[:, None]
+        x[active] += (share[active] * step)[:, None] * unit
     return x, active
 
 

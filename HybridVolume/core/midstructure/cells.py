@@ -167,6 +167,8 @@ class Cells:
                 break
             ask, size = centre[first[asked]], radius[first[asked]]
             rivals = rivals[radius[rivals] > size.min()]
+            if not len(rivals):  # a ball: all are as large as each other
+                continue
             for owner, found, away in neighbours(centre[rivals], ask, reach * size):
                 rival = radius[rivals[found]]
                 # a tapered bar has its ridge all along
