@@ -244,23 +244,8 @@ class ColumnSpace:
 
 def nodal_matrix(surface: PatchSurface) -> sparse.csr_matrix:
     """Polynomial B-splines of all control points at the Greville points, (n, n)."""
-    n = len(surface.control_points)
-    rows, columns, values = [], [], []
-    seen = np.zeros(n, dtype=bool)
-    for patch in surface.patches:
-        matrices = [
-            bspline.basis_matrix(p, knots, bspline.greville(p, knots))
-            for p, knots in zip(patch.degrees, patch.knots, strict=True)
-        ]
-        full = sparse.kron(*matrices, format="coo")
-        flat = patch.index.ravel()
-        keep = ~seen[flat[full.row]]
-        rows.append(flat[full.row[keep]])
-        columns.append(flat[full.col[keep]])
-        values.append(full.data[keep])
-        seen[flat] = True
-    data = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
-    return sparse.csr_matrix(data, shape=(n, n))
+    mesh = surface.triangulation("greville")
+    return surface.basis_at(mesh.vertex_patch, *mesh.vertex_uv.T)
 
 
 def polynomial_correction(

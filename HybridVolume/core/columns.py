@@ -79,7 +79,7 @@ def doubled_grid(surface: PatchSurface, u: list[np.ndarray], v: list[np.ndarray]
     """The grid over given lines of each patch, which must agree along shared sides."""
     u, v = _cut_all(u, 2), _cut_all(v, 2)
     ids, _ = surface.shared_grid([(len(a), len(b)) for a, b in zip(u, v, strict=True)])
-    _, owner, uv = grid_points(ids, u, v)
+    owner, uv = grid_points(ids, u, v)
     return DoubledGrid(tuple(u), tuple(v), tuple(ids), owner, uv)
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from . import bspline
+from .evaluation import grid_places, grid_quads
 from .intersection import self_intersections
 from .surface import PatchSurface
 
@@ -46,19 +46,15 @@ class TestGrid:
     __test__ = False
 
     def __init__(self, surface: PatchSurface, cells: int) -> None:
-        lines = surface.grid_parameters(cells)
-        outer = surface.triangulation_at(*lines)
-        found, quads, start = [], [], 0
-        for patch, grid in zip(surface.patches, outer.grids, strict=True):
-            spans = [len(bspline.breakpoints(knots)) - 1 for knots in patch.knots]
-            i, j = np.indices((cells * spans[0], cells * spans[1]))
-            found.append(start + (i // cells * spans[1] + j // cells).ravel())
-            start += spans[0] * spans[1]
-            ring = (grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:])
-            quads.append(np.stack([corner.ravel() for corner in ring], axis=1))
-        self.element = np.repeat(np.concatenate(found), 2)
-        self.quads = np.concatenate(quads)
-        self.matrix = _vertex_matrix(surface, outer.grids, *lines, len(outer.vertices))
+        outer = surface.triangulation(cells)
+        mu, mv = np.array([grid.shape for grid in outer.grids]).T - 1
+        patch, row, column = grid_places(mu, mv)
+        across = mv // cells
+        first = np.cumsum(mu // cells * across) - mu // cells * across
+        element = first[patch] + row // cells * across[patch] + column // cells
+        self.element = np.repeat(element, 2)
+        self.quads = grid_quads(outer.grids)
+        self.matrix = surface.basis_at(outer.vertex_patch, *outer.vertex_uv.T)
         self.outer_embedded = not len(self_intersections(outer.vertices, outer.triangles))
 
     def triangles(self, vertices: np.ndarray) -> np.ndarray:
@@ -76,34 +72,6 @@ class TestGrid:
         vertices = self.matrix @ inner
         triangles = self.triangles(vertices)
         return triangles, self_intersections(vertices, triangles)
-
-
-def _vertex_matrix(
-    surface: PatchSurface,
-    grids: tuple[np.ndarray, ...],
-    u: list[np.ndarray],
-    v: list[np.ndarray],
-    count: int,
-) -> sparse.csr_matrix:
-    rows, columns, values = [], [], []
-    seen = np.zeros(count, dtype=bool)
-    for patch, grid, *lines in zip(surface.patches, grids, u, v, strict=True):
-        tables = [
-            bspline.basis_functions(p, knots, x)
-            for p, knots, x in zip(patch.degrees, patch.knots, lines, strict=True)
-        ]
-        (fu, bu), (fv, bv) = tables
-        iu = fu[:, None] + np.arange(patch.degrees[0] + 1)
-        iv = fv[:, None] + np.arange(patch.degrees[1] + 1)
-        fresh = ~seen[grid]
-        i, j = np.nonzero(fresh)
-        size = bu.shape[1] * bv.shape[1]
-        rows.append(np.repeat(grid[i, j], size))
-        columns.append(patch.index[iu[i][:, :, None], iv[j][:, None, :]].ravel())
-        values.append((bu[i][:, :, None] * bv[j][:, None, :]).ravel())
-        seen[grid] = True
-    data = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
-    return sparse.csr_matrix(data, shape=(count, len(surface.control_points)))
 
 
 @dataclass(frozen=True)

@@ -36,9 +36,19 @@ def grid_places(mu: np.ndarray, mv: np.ndarray) -> tuple[np.ndarray, np.ndarray,
     return patch, local // mv[patch], local % mv[patch]
 
 
+def grid_quads(grids: Sequence[np.ndarray]) -> np.ndarray:
+    """Corners of all grid cells, patch by patch, round the cell, (nc, 4)."""
+    ids = np.concatenate([grid.ravel() for grid in grids])
+    mu, mv = np.array([grid.shape for grid in grids]).T
+    patch, row, column = grid_places(mu - 1, mv - 1)
+    corner = (np.cumsum(mu * mv) - mu * mv)[patch] + row * mv[patch] + column
+    across = mv[patch]
+    return ids[np.stack([corner, corner + across, corner + across + 1, corner + 1], axis=1)]
+
+
 def grid_points(
     grids: Sequence[np.ndarray], u: Sequence[np.ndarray], v: Sequence[np.ndarray]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray]:
     """The points of shared grids, each on the lowest-numbered patch that has it.
 
     Parameters
@@ -50,8 +60,6 @@ def grid_points(
 
     Returns
     -------
-    ids : (total,) int array
-        All grids, patch by patch and row by row.
     owner : (n,) int array
     uv : (n, 2) array
         Parameters on the owner.
@@ -63,7 +71,7 @@ def grid_points(
     owner = patch[first]
     places_u = (np.cumsum(mu) - mu)[owner] + row[first]
     places_v = (np.cumsum(mv) - mv)[owner] + column[first]
-    return ids, owner, np.column_stack([np.concatenate(u)[places_u], np.concatenate(v)[places_v]])
+    return owner, np.column_stack([np.concatenate(u)[places_u], np.concatenate(v)[places_v]])
 
 
 @dataclass(frozen=True)

@@ -244,6 +244,9 @@ def complete(
     report("interior", 0.9, f"{len(interior.mesh.tets)} tetrahedra in the core; balance")
     gap = gap_volume(interface, shell)
     _check_balance(body, shell, interior, gap)
+    top = float(shell.goal.max()) if len(shell.goal) else options.w0
+    topology = isosurface_figures(field, body, top)
+    why = WHY if options.method == "paper" else ""
     return HybridVolume(
         surface=body,
         midstructure=stage.midstructure,
@@ -265,10 +268,8 @@ def complete(
             "method": options.method,
             "spacing": spacing.text,
             "layer_heights": layer_heights(shell),
-            "isosurface": isosurface_figures(
-                field, body, float(shell.goal.max()) if len(shell.goal) else options.w0
-            ),
-            **reached_figures(shell, options.goal, WHY if options.method == "paper" else ""),
+            "isosurface": topology,
+            **reached_figures(shell, options.goal, why, topology["w0_used"]),
         },
     )
 
@@ -420,12 +421,9 @@ def _deviation(surface: PatchSurface, body: PatchSurface) -> float:
         It is not zero within rounding.
     """
     line = np.linspace(0.0, 1.0, 5) * 0.98 + 0.007
-    worst = max(
-        float(
-            np.abs(surface.evaluate_grid(k, line, line) - body.evaluate_grid(k, line, line)).max()
-        )
-        for k in range(len(surface.patches))
-    )
+    u, v = (np.tile(a.ravel(), len(surface.patches)) for a in np.meshgrid(line, line))
+    patch = np.repeat(np.arange(len(surface.patches)), line.size**2)
+    worst = float(np.abs(surface.evaluate_at(patch, u, v) - body.evaluate_at(patch, u, v)).max())
     if worst > 1e-12 * surface.diagonal:
         raise FaultError(f"exact refinement moved the surface by {worst:.2g} mm")
     return worst

@@ -13,8 +13,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from scipy import sparse
 
-from .evaluation import Stack, grid_line, grid_places, grid_points, stacks
+from .evaluation import Stack, grid_line, grid_points, grid_quads, stacks
 from .sides import meetings
 from .singular import surface_flags
 from .spans import ElementGroup, ElementSamples, element_groups, element_samples
@@ -298,6 +299,25 @@ class PatchSurface:
                 )
         return tuple(found) if derivative else found[0]
 
+    def basis_at(self, patch: np.ndarray, u: np.ndarray, v: np.ndarray) -> sparse.csr_matrix:
+        """Polynomial B-splines (weights 1) of all control points at m places, (m, n).
+
+        Parameters
+        ----------
+        patch : (m,) int array
+        u, v : (m,) arrays
+        """
+        number, place = self.stack_of
+        rows, columns, values = [], [], []
+        for k, stack in enumerate(self.stacks):
+            chosen = np.flatnonzero(number[patch] == k)
+            pick, [(left, right)] = stack.basis(place[patch[chosen]], u[chosen], v[chosen])
+            rows.append(np.repeat(chosen, left.shape[1] * right.shape[1]))
+            columns.append(stack.index[pick].ravel())
+            values.append((left[:, :, None] * right[:, None, :]).ravel())
+        data = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
+        return sparse.csr_matrix(data, shape=(len(patch), len(self.control_points)))
+
     @cached_property
     def stacks(self) -> list[Stack]:
         """Patches with the same degrees and knots, polynomial and rational ones apart."""
@@ -453,17 +473,15 @@ class PatchSurface:
     def _triangulate(
         self, u: list[np.ndarray], v: list[np.ndarray], grids: list[np.ndarray], count: int
     ) -> SurfaceMesh:
-        ids, owner, uv = grid_points(grids, u, v)
-        mu, mv = np.array([grid.shape for grid in grids]).T
+        owner, uv = grid_points(grids, u, v)
         vertices = self.evaluate_at(owner, *uv.T)
-        patch, row, column = grid_places(mu - 1, mv - 1)
-        corner = (np.cumsum(mu * mv) - mu * mv)[patch] + row * mv[patch] + column
-        across = mv[patch]
-        quads = ids[np.stack([corner, corner + across, corner + across + 1, corner + 1], axis=1)]
+        quads = grid_quads(grids)
         x = vertices[quads]
         along = np.linalg.norm(x[:, 2] - x[:, 0], axis=1)
         across = np.linalg.norm(x[:, 3] - x[:, 1], axis=1)
         other = across < along * (1.0 - 1e-9)
+        cells = [(grid.shape[0] - 1) * (grid.shape[1] - 1) for grid in grids]
+        patch = np.repeat(np.arange(len(grids)), cells)
         first = np.where(other[:, None], quads[:, [0, 1, 3]], quads[:, [0, 1, 2]])
         second = np.where(other[:, None], quads[:, [1, 2, 3]], quads[:, [0, 2, 3]])
         triangles = np.stack([first, second], axis=1).reshape(-1, 3)
