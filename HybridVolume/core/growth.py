@@ -383,7 +383,15 @@ def _layered(
     for evened, note in trials(spacing):
         for foot in feet:
             columns = (foot, grower.base + best.d - foot, degree, knots)
-            points = spaced_layers(*columns, surface, spacing, heights, grower.nodal, evened)
+            points = spaced_layers(
+                *columns,
+                surface,
+                spacing,
+                heights,
+                grower.nodal,
+                evened,
+                lambda row: grower.frame.smooth(row, 2),
+            )
             points[0] = surface.control_points
             shell = Shell(surface, points, degree, knots)
             certificate = certify(shell.bezier_elements())

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -117,6 +118,7 @@ def spaced_layers(
     heights: np.ndarray | None = None,
     nodal: sparse.csr_matrix | None = None,
     evened: float = 0.0,
+    smooth: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> np.ndarray:
     """Layers whose knots w_k stand where the spacing wants the layers to end.
 
@@ -136,6 +138,9 @@ def spaced_layers(
     nodal : (n, n) sparse matrix, optional
         Polynomial B-splines at the Greville points: volumes are then measured between these points
         and not on the net, which lies off the surface where a span is large.
+    smooth : callable, optional
+        Evens out values at the control points over their neighbours: heights of equal volume that
+        change from column to column tilt the layers.
     evened : float
         How far to go from the spacing wanted (0) to equal heights (1).
 
@@ -154,7 +159,8 @@ def spaced_layers(
             feet, ways = nodal @ points, nodal @ displacement
 
         def wanted(sites: np.ndarray) -> np.ndarray:
-            return _equal_volumes(surface, feet, ways, sites)
+            shares = _equal_volumes(surface, feet, ways, sites)
+            return shares if smooth is None else np.stack([smooth(row) for row in shares])
     else:
         ratio = np.full(len(points), spacing.value)
         if spacing.kind == "first":
