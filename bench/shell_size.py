@@ -82,7 +82,7 @@ def measure(kind: str, size: int, profile: bool) -> dict[str, Any]:
         body = refinement.flatten_spans(surface)
         pipeline._deviation(surface, body)
         check.check_surface(body)
-        pipeline._check_uncut(body)
+        check.check_uncut(body)
         return body
 
     body = timed("check", checked)()

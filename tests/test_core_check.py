@@ -13,12 +13,14 @@ from patches import Body, represent
 from singular_bodies import doubled, folded, pole
 from variants import turned_faces
 
+from HybridVolume.core import bspline
 from HybridVolume.core.assembly import build_surface
 from HybridVolume.core.bezier import bernstein
-from HybridVolume.core.check import check_surface, unproved_places
+from HybridVolume.core.check import check_surface, check_uncut, unproved_places
 from HybridVolume.core.refinement import flatten_spans
 from HybridVolume.core.singular import normal_nets
-from HybridVolume.errors import SingularSurfaceError
+from HybridVolume.errors import SelfIntersectionError, SingularSurfaceError
+from HybridVolume.exports.red_places import FACE_RED, RED, refusal_scene
 
 
 def surface_of(body):
@@ -199,3 +201,52 @@ def test_places_of_a_polynomial_that_is_negative_in_an_island():
     excused = none.copy()
     excused[0, 0] = True
     assert len(unproved_places(corner, 1e-14, excused)[0]) == 0
+
+
+def test_a_body_that_cuts_itself_is_refused_with_places():
+    """A bar bent into a ring whose ends run through each other: its end faces cross."""
+    bar = bodies.box((8.0, 1.0, 1.0), (4, 1, 1), 2)
+
+    def bent(points):
+        angle = (points[..., :1] - 4.0) * (2.15 * np.pi / 8.0)
+        radius = 2.0 + points[..., 1:2]
+        return np.concatenate(
+            [radius * np.cos(angle), radius * np.sin(angle), points[..., 2:]], axis=-1
+        )
+
+    faces = tuple(replace(f, control_points=bent(f.control_points)) for f in bar.faces)
+    surface = build_surface(list(faces))
+    check_surface(surface)
+    with pytest.raises(SelfIntersectionError) as caught:
+        check_uncut(surface)
+    error = caught.value
+    assert 0 < len(error.places) <= 50
+    assert {place.face for place in error.places} <= set(error.faces)
+    for place in error.places:
+        # the ends overlap around angle pi, for 27 degrees
+        assert abs(np.arctan2(-place.point[1], -place.point[0])) < np.radians(40.0)
+        face = next(f for f in faces if f.name == place.face)
+        lines = [
+            bspline.basis_matrix(p, k, np.array([x])).toarray()
+            for p, k, x in zip(face.degrees, face.knots, (place.u, place.v), strict=True)
+        ]
+        point = np.einsum("ai,bj,ijc->c", *lines, face.control_points)
+        assert point == pytest.approx(place.point, abs=1e-9)
+    check_uncut(build_surface(list(bodies.torus().faces)))
+
+
+def test_picture_of_a_refusal():
+    """Named faces are red, the others gray, and words stand at the places."""
+    body = doubled()
+    error = refused(body)
+    scene = refusal_scene(body.name, body.faces, error)
+    reds = [s for s in scene.skins if s.colour == FACE_RED]
+    balls = [s for s in scene.skins if s.colour == RED]
+    assert len(reds) == len(set(error.faces)) == 3
+    assert len(scene.skins) == len(body.faces) + len(error.places)
+    centres = np.array([(s.points.min(axis=0) + s.points.max(axis=0)) / 2 for s in balls])
+    assert np.allclose(np.sort(centres, axis=0), np.sort([p.point for p in error.places], axis=0))
+    points = np.concatenate([s.points for s in reds])
+    assert points.min() == pytest.approx(0.0) and points.max() == pytest.approx(1.0)
+    assert any("Face1" in label.text and "vanishes" in label.text for label in scene.labels)
+    assert "refused" in scene.title

@@ -22,6 +22,7 @@ from .. import errors
 from .bezier import bernstein
 from .bound import common_margin, place_numbers
 from .cones import most_inward
+from .intersection import self_intersections
 from .jacobian import halving_matrix
 from .singular import (
     HALF_CLASSES,
@@ -30,7 +31,7 @@ from .singular import (
     normal_nets,
     singular_flags,
 )
-from .surface import PatchSurface
+from .surface import PatchSurface, SurfaceMesh
 
 logger = logging.getLogger(__name__)
 
@@ -107,6 +108,51 @@ def check_surface(surface: PatchSurface, *, lines: bool = False) -> SingularPlac
     if kept.places:
         logger.warning("%s", kept.sentence)
     return kept
+
+
+def check_uncut(surface: PatchSurface) -> None:
+    """Refuse a body whose surface cuts itself.
+
+    Parameters
+    ----------
+    surface : PatchSurface
+
+    Raises
+    ------
+    SelfIntersectionError
+        Naming the faces; its ``places`` say where.
+    """
+    # coarse triangles of a thin or sharp part may cut each other although the surface does not
+    for cells in (2, 4, 8, 16):
+        mesh = surface.triangulation(cells)
+        pairs = self_intersections(mesh.vertices, mesh.triangles)
+        if not len(pairs):
+            return
+    names = _names(surface.patches[k].face for k in mesh.triangle_patch[pairs.ravel()])
+    raise errors.SelfIntersectionError(
+        f"the surface cuts itself in {len(pairs)} places",
+        faces=names,
+        figure=float(len(pairs)),
+        remedy="repair the body",
+        places=_cuts(surface, mesh, pairs),
+    )
+
+
+def _cuts(surface: PatchSurface, mesh: SurfaceMesh, pairs: np.ndarray) -> list[errors.Place]:
+    """Middles of triangles that cross others, far enough from each other."""
+    found: list[tuple[float, errors.Place]] = []
+    for triangle in np.unique(pairs):
+        patch = mesh.triangle_patch[triangle]
+        rows, columns = np.nonzero(np.isin(mesh.grids[patch], mesh.triangles[triangle]))
+        uv = np.array([[mesh.grid_u[patch][rows].mean(), mesh.grid_v[patch][columns].mean()]])
+        point = surface.evaluate(patch, uv[:, 0], uv[:, 1])[0]
+        own = surface.face_parameters(patch, uv)[0]
+        face = surface.patches[patch].face
+        place = errors.Place(face, *own.tolist(), tuple(point.tolist()), "cuts another part")
+        found.append((0.0, place))
+        if len(found) == 40 * MOST_PLACES:
+            break
+    return _distinct(found, 0.02 * surface.diagonal)[:MOST_PLACES]
 
 
 class _Findings:

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import FaultError, InputError, SelfIntersectionError
-from .check import SingularPlaces, check_surface
+from ..errors import FaultError, InputError
+from .check import SingularPlaces, check_surface, check_uncut
 from .finite_elements import build_finite_elements
 from .gap import gap_volume
 from .goals import Thickness, check_faces
@@ -20,7 +20,6 @@ from .growth import grow_shell
 from .harmonic import HarmonicField, solve_harmonic
 from .hybrid import HybridVolume
 from .interior import Interior
-from .intersection import self_intersections
 from .levels import Spacing
 from .midstructure import Midstructure, Search, find_midstructure
 from .paper import WHY, check_wishes, paper_field, paper_shell
@@ -307,7 +306,7 @@ def midstructure_stage(
     body = flatten_spans(surface)
     deviation = _deviation(surface, body)
     singular = check_surface(body, lines=options.singular_lines)
-    _check_uncut(body)
+    check_uncut(body)
     search = options.search
     kind = "medial axis" if search.method == "auto" else search.method.replace("-", " ")
     report("midstructure", 0.05, kind)
@@ -427,29 +426,6 @@ def _deviation(surface: PatchSurface, body: PatchSurface) -> float:
     if worst > 1e-12 * surface.diagonal:
         raise FaultError(f"exact refinement moved the surface by {worst:.2g} mm")
     return worst
-
-
-def _check_uncut(surface: PatchSurface) -> None:
-    """Refuse a body whose surface cuts itself.
-
-    Raises
-    ------
-    SelfIntersectionError
-    """
-    pairs = np.zeros((0, 2), dtype=int)
-    # coarse triangles of a thin or sharp part may cut each other although the surface does not
-    for cells in (2, 4, 8, 16):
-        mesh = surface.triangulation(cells)
-        pairs = self_intersections(mesh.vertices, mesh.triangles)
-        if not len(pairs):
-            return
-    names = {surface.patches[k].face for k in mesh.triangle_patch[pairs.ravel()]}
-    raise SelfIntersectionError(
-        f"the surface cuts itself in {len(pairs)} places",
-        faces=sorted(names, key=lambda name: (len(name), name)),
-        figure=float(len(pairs)),
-        remedy="repair the body",
-    )
 
 
 def _check_balance(body: PatchSurface, shell: Shell, interior: Interior, gap: float) -> None:
