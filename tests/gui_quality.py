@@ -116,6 +116,9 @@ def result(answer):
     middle = on_screen((15.0, 10.0, 5.0))
     rim = on_screen((15.0, 0.6, 5.0))
     answer["whole"] = [colour_at(middle), colour_at(rim)]
+    click_at(middle + QtCore.QPoint(3, 4))
+    answer["clicked"] = child("element", QtGui.QLabel).text()
+    answer["selected"] = len(FreeCADGui.Selection.getSelection())
 
     # cut open along x, towards the eye: grey core in the middle, coloured shell around
     press("clip")

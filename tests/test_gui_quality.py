@@ -44,6 +44,9 @@ def test_look_at_a_result(tmp_path):
 
     assert sorted(found["hidden"]) == ["Box", *PARTS]
     assert not grey(found["whole"][0]) and not grey(found["whole"][1])
+    # what is seen from the right is Face2 of FreeCAD's box, at x = 30
+    assert found["clicked"].startswith("Element ") and ", Face2, layer 1: J 0." in found["clicked"]
+    assert found["selected"] == 0
     assert grey(found["cut"][0]) and not grey(found["cut"][1])
     assert 0.0 < found["cut seconds"] < 1.0
     assert 0.9 < found["slider"] < 0.97 and not grey(found["almost through"])

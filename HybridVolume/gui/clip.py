@@ -104,7 +104,8 @@ class ClipControls:
         if not form.clip.isChecked():
             self._cut(None, 0.0)
             return
-        share = form.clipSlider.value() / form.clipSlider.maximum()
+        # beside round shares: there knot lines of even bodies lie, and what touches is not cut
+        share = (form.clipSlider.value() + 0.4) / (form.clipSlider.maximum() + 1.0)
         direction = self._direction
         if self._flip is not None and self._flip.isChecked():
             direction, share = tuple(-x for x in direction), 1.0 - share

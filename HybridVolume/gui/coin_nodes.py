@@ -123,7 +123,7 @@ def without_extent(*children: Any) -> Any:
 
 
 class Lines:
-    """Polylines of one colour, unlit.
+    """Polylines of one colour, unlit; the mouse meets what is behind.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ class Lines:
         self._lines = coin.SoIndexedLineSet()
         self.node = switch(
             separator(
-                *(unlit(), look(colour, transparency), line_style(width)),
+                *(unpickable(), unlit(), look(colour, transparency), line_style(width)),
                 *(self._points, self._lines),
             )
         )
@@ -187,6 +187,7 @@ class Faces:
     ) -> None:
         self._points, self._normals = coin.SoCoordinate3(), coin.SoNormal()
         self._triangles = coin.SoIndexedFaceSet()
+        self._owner = np.zeros(0, dtype=int)
         self._colours = coin.SoPackedColor() if colour is None else look(colour, transparency)
         materials = coin.SoMaterialBinding()
         if colour is None:
@@ -204,6 +205,7 @@ class Faces:
         triangles: np.ndarray,
         normals: np.ndarray | None = None,
         colours: np.ndarray | None = None,
+        owner: np.ndarray | None = None,
     ) -> None:
         """Draw triangles.
 
@@ -214,7 +216,10 @@ class Faces:
         normals : (n, 3) array, optional
         colours : (n,) int array, optional
             Packed 0xRRGGBBAA.
+        owner : (m,) int array, optional
+            What each triangle belongs to, for :meth:`picked`.
         """
+        self._owner = np.zeros(0, dtype=int) if owner is None else owner
         fill(self._triangles.coordIndex, [])
         fill(self._points.point, points)
         if normals is not None:
@@ -222,6 +227,12 @@ class Faces:
         if colours is not None:
             self.colour(colours)
         fill(self._triangles.coordIndex, closed_rows(triangles) if len(triangles) else [])
+
+    def picked(self, point: Any) -> int | None:
+        """What the triangle at a picked point (SoPickedPoint) belongs to; None: none of these."""
+        if point.getPath().getTail() != self._triangles or not len(self._owner):
+            return None
+        return int(self._owner[coin.cast(point.getDetail(), "SoFaceDetail").getFaceIndex()])
 
     def colour(self, colours: np.ndarray) -> None:
         """Take other colours at the same points."""

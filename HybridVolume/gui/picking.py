@@ -136,7 +136,7 @@ class SheetPicking:
         self.anything = False
         """Whether other objects can be selected as well."""
         self._gate = _Gate(self)
-        self._clicks = _Clicks(self._place[0], self._click)
+        self._clicks = Clicks(self._place[0], self._click_below)
         FreeCADGui.Selection.clearSelection()
         FreeCADGui.Selection.addSelectionGate(self._gate)
         FreeCADGui.Selection.addObserver(self)
@@ -156,14 +156,15 @@ class SheetPicking:
     # What FreeCAD tells an observer.
 
     def addSelection(self, document: str, name: str, sub: str, point: Any) -> None:
-        # a plain click selects as well, for FreeCAD; it is told by _click, which ends that
+        # a plain click selects as well, for FreeCAD; it is told by _click_below, which ends that
         control = QtGui.QApplication.keyboardModifiers() & QtCore.Qt.ControlModifier
         if tuple(point) == NOWHERE or control:
             self._selected()
 
-    def _click(self, name: str, sub: str) -> None:
-        number = sheet_number(sub)
-        if name == self._place[1] and number is not None:
+    def _click_below(self, view: Any, place: tuple[int, int]) -> None:
+        below = view.getObjectInfo(place) or {}
+        number = sheet_number(below.get("Component", ""))
+        if below.get("Object", "") == self._place[1] and number is not None:
             FreeCADGui.Selection.clearSelection()
             self._clicked(number)
 
@@ -194,7 +195,7 @@ class _Gate:
         return obj is None or self._picking.allows(document.Name, obj.Name, sub or "")
 
 
-class _Clicks(QtCore.QObject):
+class Clicks(QtCore.QObject):
     """Plain clicks in the 3D views of a document.
 
     FreeCAD tells a selection only where it changes, not a click on what is selected already.
@@ -202,14 +203,14 @@ class _Clicks(QtCore.QObject):
     Parameters
     ----------
     document : str
-    clicked : callable(name, sub)
-        Object and sub-element below the mouse.
+    clicked : callable(view, place)
+        The 3D view, and pixels from its lower left corner.
     """
 
     FAR = 4
     """Pixels: a mouse that moves so far between press and release does not click."""
 
-    def __init__(self, document: str, clicked: Callable[[str, str], None]) -> None:
+    def __init__(self, document: str, clicked: Callable[[Any, tuple[int, int]], None]) -> None:
         super().__init__()
         self._document = document
         self._clicked = clicked
@@ -247,9 +248,7 @@ class _Clicks(QtCore.QObject):
     def _tell(self, place: tuple[int, int]) -> None:
         active = FreeCADGui.activeDocument()
         if self._viewports and active is not None and active.Document.Name == self._document:
-            below = active.activeView().getObjectInfo(place)
-            if below:
-                self._clicked(below.get("Object", ""), below.get("Component", ""))
+            self._clicked(active.activeView(), place)
 
 
 class BoxSelection(QtCore.QObject):

@@ -21,15 +21,18 @@ from .clip import ClipControls, plane_across
 from .dock import WideDock
 from .figure_table import FigureTable
 from .histogram import Histogram
+from .picking import Clicks
 from .result_view import COLOURINGS, Result, ResultScene
 from .stage import Added, Hidden
 from .work import is_deleted
 
-WIDTH = 470
+WIDTH = 490
 """Of the dock, pixels."""
 
-OTHERS, LEAST_TABLE, MOST_TABLE = 575, 150, 520
+OTHERS, LEAST_TABLE, MOST_TABLE = 622, 150, 520
 """Pixels: height of what is above, beside and below the tables, and of the tables."""
+
+CLICK = "Click an element in the 3D view to read its figures."
 
 FACE_COLUMNS = (
     ("Face", "CAD face"),
@@ -101,6 +104,7 @@ class QualityPanel:
         self._fill_form(inner)
         self._show_result()
         self._clip = ClipControls(self.form, self._looking, self._cut)
+        self._clicks = Clicks(self._document, self._tell_element)
         self._dock = WideDock(self.form, WIDTH)
         FreeCAD.addDocumentObserver(self)
         self.form.destroyed.connect(lambda *_: self._clean())
@@ -175,6 +179,7 @@ class QualityPanel:
         form.certified.setStyleSheet(
             f"font-weight: bold; color: {'#2b8a3e' if proved == len(quality) else '#c92a2a'};"
         )
+        form.element.setText(CLICK)
         self._histogram.show_values(quality.scaled_jacobian, colour_scale.quality_scale())
         self._fill_layers()
         self._fill_faces(())
@@ -204,6 +209,7 @@ class QualityPanel:
             return
         self._closed = True
         FreeCAD.removeDocumentObserver(self)
+        self._clicks.close()
         self._leave_stage()
         self._dock.close()
 
@@ -384,6 +390,22 @@ class QualityPanel:
         places = self._worst.selection or range(len(self._numbers))
         labels = {int(self._numbers[place]): f"{place + 1}" for place in places}
         self._scene.mark(np.array(list(labels)), red=True, labels=labels)
+
+    def _tell_element(self, view: Any, place: tuple[int, int]) -> None:
+        """Tell the figures of the element that was clicked in the 3D view."""
+        element = self._scene.element_at(view, place)
+        if element is None:
+            self.form.element.setText(CLICK)
+            return
+        quality, inner = self._result.quality, self._result.inner
+        column = self._result.cells.vertex[element // self._result.cells.layers]
+        depth = inner.thickness[column]
+        self.form.element.setText(
+            f"Element {element}, {quality.faces[quality.face[element]]}, layer "
+            f"{quality.layer[element] + 1}: J {quality.scaled_jacobian[element]:.3f}, proved bound "
+            f"{quality.bound[element]:.2g}; w0 {inner.level[column].mean():.3f}, shell "
+            f"{depth.min():.3g} to {depth.max():.3g} mm"
+        )
 
     def _mark(self, elements: np.ndarray) -> None:
         self._scene.mark(elements if len(elements) else None)

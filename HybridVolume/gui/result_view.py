@@ -158,6 +158,10 @@ class Skin:
         self._glass = glass
         self.node = switch(self._faces.node, self._thin.node, self._thick.node)
 
+    def picked(self, point: Any) -> int | None:
+        """The element at a picked point; None: none of these."""
+        return self._faces.picked(point)
+
     def show(self, elements: np.ndarray, side: int, colours: np.ndarray | None) -> None:
         """Draw one side of elements.
 
@@ -186,6 +190,7 @@ class Skin:
             (start + cell).reshape(-1, 3),
             normals,
             None if colours is None else colours.reshape(-1),
+            np.repeat(elements, len(cell)),
         )
         rims = np.stack([index[0], index[-1], index[:, 0], index[:, -1]])
         ends = self._cells.rim[elements // self._cells.layers]
@@ -283,7 +288,9 @@ class ResultScene:
             separator(self._clip.node, self._outer.node, self._bottom.node, core),
         )
         self._with_marks = switch(
-            *(self._blocks.node, self._block_rims.node, self._labels, self._glass.node), on=False
+            *(self._blocks.node, self._block_rims.node, self._labels),
+            *(unpickable(), self._glass.node),
+            on=False,
         )
         middle = cells.flat.mean(axis=0)
         self.root = separator(
@@ -371,6 +378,26 @@ class ResultScene:
         """Elements that are drawn alone."""
         return self._marked
 
+    def element_at(self, view: Any, place: tuple[int, int]) -> int | None:
+        """The element that is seen at a place of a view.
+
+        Parameters
+        ----------
+        view : Gui.View3DInventor
+        place : (int, int)
+            Pixels from the lower left corner.
+        """
+        region = view.getViewer().getSoRenderManager().getViewportRegion()
+        action = coin.SoRayPickAction(region)
+        action.setPoint(coin.SbVec2s(*place))
+        # FreeCAD itself must not pick here: it would select nothing that is in the document
+        action.apply(separator(view.getCameraNode(), self._body, self._with_marks))
+        point = action.getPickedPoint()
+        if point is None:
+            return None
+        drawn = (self._outer, self._bottom, self._cut, self._blocks)
+        return next((k for k in (one.picked(point) for one in drawn) if k is not None), None)
+
     def _colours(self, elements: np.ndarray, plain: tuple[float, float, float]) -> np.ndarray:
         return self._result.colours(elements, self.colouring, plain)
 
@@ -384,7 +411,8 @@ class ResultScene:
         elements = np.zeros(0, dtype=int) if self.layers is None else cells.of_layers(*self.layers)
         cut, rims = cells.section(elements, normal, distance)
         facing = np.broadcast_to(-normal, cut.points.shape)
-        self._cut.show(cut.points, cut.facing(-normal), facing, self._cut_colours(cut))
+        colours = self._cut_colours(cut)
+        self._cut.show(cut.points, cut.facing(-normal), facing, colours, cut.owner)
         self._cut_rims.show(rims.points, rims.parts)
         for node in (self._core_cut.node, self._core_rims.node):
             turn(node, self.core)
@@ -419,8 +447,9 @@ class ResultScene:
         else:
             along = self._colours(elements, SHELL_COLOUR).reshape(len(elements), -1, 1)
             colours = np.broadcast_to(along, (*along.shape[:2], cells.steps[1] + 1)).reshape(-1)
-        triangles = (start + cells.triangles(range(6))).reshape(-1, 3)
-        self._blocks.show(points, triangles, None, colours)
+        sides = cells.triangles(range(6))
+        triangles, owner = (start + sides).reshape(-1, 3), np.repeat(elements, len(sides))
+        self._blocks.show(points, triangles, None, colours, owner)
         along, across = cells.rims(range(6))
         lines = [(start + along).reshape(-1, along.shape[1])]
         # lines of one length: those across are drawn piece by piece
