@@ -121,7 +121,9 @@ def figures_by_face(shell: Shell, inner: InnerSurface) -> list[dict[str, Any]]:
     ]
 
 
-def reached_figures(shell: Shell, thickness: Thickness, why: str = "") -> dict[str, Any]:
+def reached_figures(
+    shell: Shell, thickness: Thickness, why: str = "", used: float = np.inf
+) -> dict[str, Any]:
     """What was asked and what was reached, as plain values for the report.
 
     Parameters
@@ -131,6 +133,8 @@ def reached_figures(shell: Shell, thickness: Thickness, why: str = "") -> dict[s
         That was asked for.
     why : str
         The reason for all faces, where it is known from the way in which the shell was made.
+    used : float
+        Level that no column was drawn beyond, as isosurfaces there are not like the body.
 
     Returns
     -------
@@ -141,7 +145,6 @@ def reached_figures(shell: Shell, thickness: Thickness, why: str = "") -> dict[s
     inner = inner_figures(shell)
     faces = _Faces(surface, cells_along(surface))
     frame = column_frame(surface)
-    goal = _levels(shell)[1]
     lengths = wanted_lengths(thickness, surface, frame)
     wanted = None if lengths is None else _between_nodes(surface, faces.mesh, lengths)
     level, asked_level, depth = map(faces.figures, (inner.level, inner.goal, inner.thickness))
@@ -161,7 +164,8 @@ def reached_figures(shell: Shell, thickness: Thickness, why: str = "") -> dict[s
                 "reason": "",
             }
         )
-    for row, reason in zip(rows, _reasons(shell, frame, goal, faces.names), strict=True):
+    reasons = _reasons(shell, thickness, frame, faces.names, used)
+    for row, reason in zip(rows, reasons, strict=True):
         if row["share"] < 1.0 - NEAR:
             row["reason"] = why or reason
     whole = faces.whole(inner.thickness)
@@ -395,25 +399,37 @@ class _Faces:
         }
 
 
-def _reasons(shell: Shell, frame: ColumnFrame, goal: np.ndarray, faces: Sequence[str]) -> list[str]:
+def _reasons(
+    shell: Shell,
+    thickness: Thickness,
+    frame: ColumnFrame,
+    faces: Sequence[str],
+    used: float,
+) -> list[str]:
     """Why each face is thinner than asked, by what holds back most of what is missing."""
-    surface = shell.surface
-    level = _levels(shell)[0]
+    level, goal = _levels(shell)
     missing = frame.area * np.maximum(1.0 - level / np.maximum(goal, 1e-12), 0.0)
     # an edge also holds the columns beside it
     margin = frame.smooth(frame.margin, 2, least=True)
-    thin = goal >= DEEPEST * (1.0 - 1e-9)
-    sharp = ~thin & (margin < SHARP)
-    told = ("the body is too thin there", "sharp edge", "no room for valid elements")
-    parts = [np.where(chosen, missing, 0.0) for chosen in (thin, sharp, ~thin & ~sharp)]
+    thin = (goal >= DEEPEST * (1.0 - 1e-9)) & (thickness.kind != "w0")
+    torn = ~thin & (goal > used * (1.0 + NEAR))
+    sharp = ~thin & ~torn & (margin < SHARP)
+    told = {
+        "the body is too thin there": thin,
+        "isosurfaces farther in have another genus": torn,
+        "sharp edge": sharp,
+        "no room for valid elements": ~(thin | torn | sharp),
+    }
+    parts = np.array([np.where(chosen, missing, 0.0) for chosen in told.values()])
+    points: dict[str, list[np.ndarray]] = {face: [] for face in faces}
+    for patch in shell.surface.patches:
+        points[patch.face].append(patch.index.ravel())
     reasons = []
-    for face in faces:
-        points = [np.unique(p.index) for p in surface.patches if p.face == face]
-        points = np.unique(np.concatenate(points))
-        weight = [float(part[points].sum()) for part in parts]
-        if thin[points].mean() > 0.3 or not sum(weight) > 0.0:
-            weight[0] = np.inf if thin[points].any() else weight[0]
-        reasons.append(told[int(np.argmax(weight))] if max(weight) > 0.0 else "")
+    for own in map(np.concatenate, points.values()):
+        weight = parts[:, own].sum(axis=1)
+        if thin[own].mean() > 0.3 or (thin[own].any() and not weight.any()):
+            weight[0] = np.inf
+        reasons.append(list(told)[int(weight.argmax())] if weight.any() else "")
     return reasons
 
 
