@@ -33,7 +33,7 @@ LOOKS = {
 def test_complete_a_box(tmp_path, python):
     found = play("gui_scenarios.complete_a_box", tmp_path, HYBRIDVOLUME_PYTHON=python)
     assert "HybridVolumeWorkbench" in found["workbenches"]
-    assert found["toolbar"] == [
+    assert found["toolbar"][:3] == [
         f"HybridVolume_{name}" for name in ("Create", "Quality", "ClearRed")
     ]
     assert not found["active without selection"] and found["active with a body"]
