@@ -28,7 +28,14 @@ import numpy as np
 PROJECT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(PROJECT))
 
-from HybridVolume.core import check, growth, pipeline, refinement  # noqa: E402
+from HybridVolume.core import (  # noqa: E402
+    check,
+    column_state,
+    contacts,
+    growth,
+    pipeline,
+    refinement,
+)
 from HybridVolume.core.assembly import build_surface  # noqa: E402
 from HybridVolume.core.finite_elements import build_finite_elements  # noqa: E402
 from HybridVolume.core.gap import gap_volume  # noqa: E402
@@ -43,7 +50,8 @@ INSIDE = {
     "proof": "certify",
     "crossings": "self_intersections",
 }
-"""Parts of the shell stage, and the functions of `growth` that they are."""
+"""Parts of the shell stage, and the functions that they are."""
+MODULES = (growth, column_state, contacts)
 STAGES = ("assemble", "check", "midstructure", "field", *INSIDE, "shell", "interior")
 
 
@@ -71,7 +79,9 @@ def measure(kind: str, size: int, profile: bool) -> dict[str, Any]:
         return run
 
     for name, function in INSIDE.items():
-        setattr(growth, function, timed(name, getattr(growth, function)))
+        for module in MODULES:
+            if hasattr(module, function):
+                setattr(module, function, timed(name, getattr(module, function)))
     faces = notched_cube(size, merge=kind == "big")
     profiler = cProfile.Profile(time.process_time)
     if profile:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .evaluation import grid_places, grid_quads
 from .surface import PatchSurface, SurfaceMesh
 from .tetmesh.mesh import row_keys
 
@@ -56,7 +57,7 @@ def adaptive_triangulation(
         Stop there.
     rounds : int
     """
-    current = from_grid(surface.triangulation_at(*_base_lines(surface)))
+    current = from_grid(_base(surface, max_triangles // 4))
     for _ in range(rounds):
         if len(current.triangles) >= max_triangles:
             break
@@ -101,9 +102,23 @@ def from_grid(mesh: SurfaceMesh) -> AdaptiveTriangles:
     )
 
 
+def _base(surface: PatchSurface, most: int) -> SurfaceMesh:
+    """Triangles over the knots, with three cells a side of a patch at least.
+
+    With fewer, different edges could have the same two ends (two patches that together form a
+    tube). Where three cells would be more than ``most`` triangles, one will do if that is not so.
+    """
+    u, v = _base_lines(surface)
+    if 2 * sum((len(a) - 1) * (len(b) - 1) for a, b in zip(u, v, strict=True)) > most:
+        mesh = surface.triangulation("knots")
+        keys = row_keys(mesh.triangles[:, SIDES].reshape(-1, 2), len(mesh.vertices))
+        if (np.unique(keys, return_counts=True)[1] == 2).all():
+            return mesh
+    return surface.triangulation_at(u, v)
+
+
 def _base_lines(surface: PatchSurface) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Knots of each patch, at least three cells a side: with fewer, different edges could have
-    the same two ends (two patches that together form a tube)."""
+    """Knots of each patch, cut where they make fewer than three cells a side."""
     lines = []
     for parameters in surface.grid_parameters("knots"):
         cut = [max(1, -(-3 // (len(line) - 1))) for line in parameters]
@@ -119,15 +134,16 @@ def _base_lines(surface: PatchSurface) -> tuple[list[np.ndarray], list[np.ndarra
 
 
 def _corner_parameters(mesh: SurfaceMesh) -> np.ndarray:
-    uv = np.empty((len(mesh.triangles), 3, 2))
-    bounds = np.searchsorted(mesh.triangle_patch, np.arange(len(mesh.grids) + 1))
-    place = np.zeros(len(mesh.vertices), dtype=np.int64)
-    for k, grid in enumerate(mesh.grids):
-        part = slice(bounds[k], bounds[k + 1])
-        place[grid.ravel()] = np.arange(grid.size)
-        i, j = np.divmod(place[mesh.triangles[part]], grid.shape[1])
-        uv[part] = np.stack([mesh.grid_u[k][i], mesh.grid_v[k][j]], axis=-1)
-    return uv
+    mu, mv = np.array([grid.shape for grid in mesh.grids]).T
+    patch, row, column = grid_places(mu - 1, mv - 1)
+    # two triangles a cell, one after the other
+    corners = np.repeat(grid_quads(mesh.grids), 2, axis=0)
+    which = (mesh.triangles[:, :, None] == corners[:, None]).argmax(axis=2)
+    i = np.repeat(row, 2)[:, None] + np.array([0, 1, 1, 0])[which]
+    j = np.repeat(column, 2)[:, None] + np.array([0, 0, 1, 1])[which]
+    first_u, first_v = (np.repeat((np.cumsum(m) - m)[patch], 2)[:, None] for m in (mu, mv))
+    u, v = np.concatenate(mesh.grid_u), np.concatenate(mesh.grid_v)
+    return np.stack([u[first_u + i], v[first_v + j]], axis=-1)
 
 
 class _Edges:
@@ -144,13 +160,7 @@ class _Edges:
         triangle, side = np.divmod(first, 3)
         uv = mesh.uv[triangle[:, None], SIDES[side]].mean(axis=1)
         patch = mesh.patch[triangle]
-        order = np.argsort(patch, kind="stable")
-        bounds = np.searchsorted(patch[order], np.arange(len(surface.patches) + 1))
-        self.middle = np.empty((len(first), 3))
-        for k in range(len(surface.patches)):
-            part = order[bounds[k] : bounds[k + 1]]
-            if len(part):
-                self.middle[part] = surface.evaluate(k, *uv[part].T)
+        self.middle = surface.evaluate_at(patch, *uv.T)
 
 
 def _split(mesh: AdaptiveTriangles, edges: _Edges, chosen: np.ndarray) -> AdaptiveTriangles:
