@@ -288,9 +288,10 @@ class ThicknessPreview:
         field = self._field
         least, mean, most = field.figures(inner)
         if most - least < 0.01 * most:
-            text = f"Shell {mean:.3g} mm thick."
+            text = f"Shell {_figure(mean)} mm thick."
         else:
-            text = f"Shell {least:.3g} to {most:.3g} mm thick, {mean:.3g} mm in the mean."
+            most_and_mean = f"{_figure(most)} mm thick, {_figure(mean)} mm in the mean."
+            text = f"Shell {_figure(least)} to {most_and_mean}"
         level = field.level(thickness)
         if level is None:
             share, faces = field.short(thickness, inner)
@@ -325,7 +326,7 @@ class ThicknessPreview:
         for widget in (form.legendLow, form.legend, form.legendHigh):
             widget.setVisible(on)
         form.legendLow.setText("0")
-        form.legendHigh.setText(f"{top:.3g} mm")
+        form.legendHigh.setText(f"{_figure(top)} mm")
 
 
 def _genus_sentence(field: FieldView, level: float, genus: Sequence[int]) -> str:
@@ -341,6 +342,11 @@ def _genus_sentence(field: FieldView, level: float, genus: Sequence[int]) -> str
     if stop < level:
         return f"{at}: the shell will stop at {stop:.2f}."
     return f"{at}. The shell is drawn to there all the same."
+
+
+def _figure(value: float) -> str:
+    """Three digits, without powers of ten as far as people do without."""
+    return f"{float(f'{value:.3g}'):.7g}"
 
 
 def _words(genus: Sequence[int]) -> str:
