@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from HybridVolume.core.assembly import build_surface
-from HybridVolume.core.goals import Thickness
+from HybridVolume.core.goals import Thickness, parse_factors
 from HybridVolume.core.growth import grow_shell
 from HybridVolume.core.harmonic import HarmonicField, solve_harmonic
 from HybridVolume.core.midstructure import medial_axis
@@ -87,11 +87,53 @@ def test_too_much_for_the_body_is_said():
 
 
 @pytest.mark.parametrize(
-    "text", ["", "0", "1.5", "-1 mm", "0 mm", "mean 0.5", "2 inch", "max 2 mm"]
+    "text",
+    ["", "0", "1.5", "-1 mm", "0 mm", "mean 0.5", "2 inch", "max 2 mm", "0 %", "96 %", "mean 30 %"],
 )
 def test_what_is_no_thickness_is_refused(text):
     with pytest.raises(InputError):
         Thickness.parse(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "value"),
+    [
+        ("0.35", "w0", 0.35),
+        ("2mm", "even", 2.0),
+        ("mean 1.5e-3 mm", "mean", 1.5e-3),
+        ("MIN .5 mm", "min", 0.5),
+        ("12.5 %", "share", 0.125),
+    ],
+)
+def test_texts_of_thicknesses(text, kind, value):
+    found = Thickness.parse(text)
+    assert (found.kind, found.value) == (kind, pytest.approx(value, rel=1e-15))
+    assert Thickness.parse(found.text) == found
+
+
+def test_factors_are_read_from_texts():
+    assert parse_factors(["Face3 = 1.5", "Face12=0.5", " Face1:2 "]) == {
+        "Face3": 1.5, "Face12": 0.5, "Face1": 2.0,
+    }  # fmt: skip
+    for texts in (["Face3"], ["Face3 = thick"], ["Face3 = 0"], ["= 2"], ["F = 1", "F = 2"]):
+        with pytest.raises(InputError):
+            parse_factors(texts)
+
+
+def test_a_share_of_the_local_radius():
+    distance, _, _ = distances("torus", Thickness.parse("30 %"))
+    assert np.percentile(distance, [5, 50, 95]) == pytest.approx([0.3] * 3, rel=0.1)
+
+
+def test_a_thin_shell_where_all_control_points_are_corners():
+    # near a corner the level goes like the third power of the thickness
+    surface = build_surface(list(bodies.box((3.0, 2.0, 1.0), (1, 1, 1), 1).faces))
+    field = solve_harmonic(surface, medial_axis(surface, 3000))
+    shell, _ = grow_shell(surface, field, Thickness.parse("0.05 mm"), layers=1)
+    assert shell.w0 < 0.01
+    inner = shell.inner_surface().control_points
+    away = np.minimum(inner, np.array([3.0, 2.0, 1.0]) - inner)
+    assert away.mean() == pytest.approx(0.05, rel=0.08)
 
 
 def test_factors_are_for_faces_that_there_are():

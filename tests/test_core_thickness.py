@@ -10,9 +10,12 @@ from bodies import box, cylinder, hollow_sphere, sphere, torus
 from scipy.spatial import Delaunay
 
 from HybridVolume.core.assembly import build_surface
+from HybridVolume.core.front import column_frame
+from HybridVolume.core.goals import Thickness, local_radius, usable_level
 from HybridVolume.core.harmonic import HarmonicField, solve_on
 from HybridVolume.core.harmonic_domain import Domain
 from HybridVolume.core.isosurface import isosurface
+from HybridVolume.core.reached import expected_figures, isosurface_figures
 from HybridVolume.core.tetmesh.mesh import TetMesh, tet_volumes
 from HybridVolume.core.thickness import distance_to_triangles, shell_thickness, surface_places
 from HybridVolume.errors import FaultError
@@ -121,16 +124,78 @@ def test_no_level_like_the_body(ball_field):
 
 
 def test_figures_are_those_of_the_largest_level_where_the_asked_one_falls_apart():
-    # two maxima: one part below .5, two above
+    field = two_maxima(0.5)
+    found = shell_thickness(field, build_surface(box().faces), 0.8)
+    assert found["largest_w0"] == pytest.approx(0.5, abs=0.01)
+    assert found["w0"] == pytest.approx(found["largest_w0"], abs=1e-9)
+    assert shell_thickness(field, build_surface(box().faces), 0.3)["w0"] == 0.3
+
+
+def two_maxima(neck):
+    """A field on the box with one part below the level of its neck and two above."""
     lines = [np.linspace(0.0, n, m) for n, m in ((3.0, 25), (2.0, 9), (1.0, 9))]
     x = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3)
     mesh = delaunay(x + np.random.default_rng(0).normal(0.0, 1e-7, x.shape))
     depth = np.minimum(x, np.array([3.0, 2.0, 1.0]) - x).min(axis=1)
-    w = np.minimum(4.0 * depth, np.clip(np.abs(x[:, 0] - 1.5) * 0.8 + 0.5, 0.0, 1.0))
-    found = shell_thickness(given(mesh, w), build_surface(box().faces), 0.8)
-    assert found["largest_w0"] == pytest.approx(0.5, abs=0.01)
-    assert found["w0"] == pytest.approx(found["largest_w0"], abs=1e-9)
-    assert shell_thickness(given(mesh, w), build_surface(box().faces), 0.3)["w0"] == 0.3
+    w = np.minimum(4.0 * depth, np.clip(np.abs(x[:, 0] - 1.5) * 0.8 + neck, 0.0, 1.0))
+    return given(mesh, w)
+
+
+def test_the_largest_level_with_the_body_s_genus_is_used_and_said():
+    field, body = two_maxima(0.5), build_surface(box().faces)
+    assert field.isosurface_genus(0.8) == (0, 0)
+    assert usable_level(field, body.genus, 0.4) == (0.4, 0.4, "")
+    largest, used, note = usable_level(field, body.genus, 0.8)
+    assert used == largest == pytest.approx(0.5, abs=0.01)
+    assert "w0 = 0.8 has another genus than the body" in note
+    assert isosurface_figures(field, body, 0.8) == {
+        "asked": 0.8, "genus": [0, 0], "body": [0], "largest_w0": largest, "w0_used": largest,
+    }  # fmt: skip
+    # torn by its neck nearly everywhere: columns cross it, and the level asked is kept
+    largest, used, note = usable_level(two_maxima(0.01), body.genus, 0.8)
+    assert largest < 0.02 and used == 0.8 and "no isosurface has the body's genus" in note
+
+
+@pytest.mark.parametrize(
+    ("text", "factor", "length"),
+    [
+        ("0.3 mm", 1.0, 0.3),
+        ("0.2 mm", 1.5, 0.3),
+        ("mean 0.25 mm", 1.0, 0.25),
+        ("min 0.2 mm", 1.0, 0.2),
+        # the local radius of a ball is its radius
+        ("40 %", 1.0, 0.4),
+    ],
+)
+def test_thickness_of_every_kind_is_told_from_the_field(ball_field, text, factor, length):
+    body = build_surface(sphere(spans=2).faces)
+    factors = {f"Face{k}": factor for k in range(1, 7)} if factor != 1.0 else {}
+    found = expected_figures(ball_field, body, Thickness.parse(text, factors))
+    least = "min" if text.startswith("min") else "mean"
+    assert found[least] == pytest.approx(length, rel=0.03)
+    assert found["max"] < 1.12 * length and len(found["faces"]) == 6
+    # w = (1/r - 1) / (1/.5 - 1)
+    assert found["w0"] == pytest.approx(1.0 / (1.0 - length) - 1.0, rel=0.08)
+    assert found["estimate"] and found["notes"] == [] and found["asked"]["text"] == text
+    assert found["isosurface"]["genus"] == [0]
+
+
+def test_more_than_the_body_has_is_told(ball_field):
+    # w is 1 from half the radius on
+    body = build_surface(sphere(spans=2).faces)
+    found = expected_figures(ball_field, body, Thickness.parse("0.7 mm"))
+    assert found["max"] < 0.52 and "the midstructure is nearer than 0.7 mm" in found["notes"][0]
+    found = expected_figures(ball_field, body, Thickness.parse("mean 0.7 mm"))
+    assert found["max"] < 0.52 and "the body is too thin for mean 0.7 mm" in found["notes"][0]
+
+
+def test_half_the_thickness_of_bodies():
+    for body, half in ((box(), 0.5), (torus(), 1.0), (cylinder(1.0, 6.0, 2), 1.0)):
+        surface = build_surface(body.faces)
+        frame = column_frame(surface)
+        assert np.average(local_radius(surface, frame), weights=frame.area) == pytest.approx(
+            half, rel=0.05
+        )
 
 
 def test_isosurface_is_closed_and_points_outward():
