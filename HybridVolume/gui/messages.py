@@ -42,7 +42,10 @@ def show_error(error: HybridVolumeError, source: Any, log: str = "") -> Any:
     box.setStandardButtons(QtGui.QMessageBox.Ok)
     box.open()
     _select(error.faces, source)
-    red_places.show(source, error)
+    if red_places.show(source, error):
+        # not in front of what it is about
+        window = FreeCADGui.getMainWindow().geometry()
+        box.move(window.left() + 8, window.bottom() - box.frameGeometry().height() - 32)
     return box
 
 

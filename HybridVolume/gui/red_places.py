@@ -159,10 +159,12 @@ class RedPlaces:
             written[text] = point
             at, words = coin.SoTranslation(), coin.SoText2()
             at.translation = place.point
-            # to both sides in turn: places often lie in a row
-            left = len(written) % 2 == 0
-            words.justification = coin.SoText2.RIGHT if left else coin.SoText2.LEFT
-            words.string = f"{text}    " if left else f"    {text}"
+            # to both sides in turn and a line lower on one: places often lie in a row
+            if len(written) % 2:
+                words.string = f"    {text}"
+            else:
+                words.justification = coin.SoText2.RIGHT
+                words.string.setValues(0, 2, ["", f"{text}    "])
             on_top.addChild(separator(at, words))
         return on_top
 

@@ -25,8 +25,8 @@ GLASS_COLOUR = (0.78, 0.82, 0.88)
 GLASS_TRANSPARENCY = 0.90
 EDGE_COLOUR = (0.70, 0.73, 0.80)
 EDGE_TRANSPARENCY = 0.60
-DEVIATION = 0.002
-"""Of the glass from the body, as a share of its diagonal."""
+DEVIATION = 0.004
+"""Of the glass from the body, as a share of its diagonal; its edges stand half as far off."""
 
 
 class Hidden:
@@ -154,7 +154,7 @@ def glass(
     faces.show(*triangles_of(shape, deviation))
     return separator(
         *(unpickable(), opaque_nothing(shape.BoundBox.Center), faces.node),
-        separator(unlit(), look(edges, transparency), *_edges(shape, deviation)),
+        separator(unlit(), look(edges, transparency), *_edges(shape, 0.5 * deviation)),
     )
 
 
@@ -178,7 +178,7 @@ def triangles_of(shape: Any, deviation: float) -> tuple[np.ndarray, np.ndarray]:
     # a copy: the shape stores its triangles, and the document's own must not get coarser; not by
     # tessellate, which has no limit to the angle and takes minutes for faces with sharp folds
     mesh = MeshPart.meshFromShape(
-        Shape=shape.copy(), LinearDeflection=deviation, AngularDeflection=0.35, Relative=False
+        Shape=shape.copy(), LinearDeflection=deviation, AngularDeflection=0.5, Relative=False
     )
     points, triangles = mesh.Topology
     found = np.array([tuple(point) for point in points]).reshape(-1, 3)
