@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from xml.etree import ElementTree
@@ -29,10 +30,22 @@ from made_by_hand import SIZE, completed, face_names
 
 import HybridVolume
 from HybridVolume.core.element_jacobians import scaled_jacobian
+from HybridVolume.core.pipeline import METHODS, Options
 from HybridVolume.objects import document, fem_mesh
 from HybridVolume.objects.fingerprint import fingerprint
 from HybridVolume.objects.midstructure import chosen
-from HybridVolume.objects.volume import CHILDREN
+from HybridVolume.objects.thickness import (
+    DEFAULTS,
+    KINDS,
+    PROPERTIES,
+    SELECTORS,
+    SPACINGS,
+    spacing_of,
+    spacing_parameters,
+    thickness_of,
+    thickness_parameters,
+)
+from HybridVolume.objects.volume import CHILDREN, current_parameters, options_of
 
 
 @pytest.fixture
@@ -140,6 +153,19 @@ def test_saved_and_reopened(doc, box, volume, tmp_path):
             lambda volume: setattr(volume.Midstructure, "Angle", 140.0),
             "Out of date: Midstructure.Angle changed",
         ),
+        (
+            lambda volume: setattr(volume, "ThicknessKind", "Even"),
+            "Out of date: ThicknessKind changed",
+        ),
+        (
+            lambda volume: setattr(volume, "FaceFactors", ["Face3 = 1.5"]),
+            "Out of date: FaceFactors changed",
+        ),
+        (lambda volume: setattr(volume, "Spacing", "Ratio"), "Out of date: Spacing changed"),
+        (lambda volume: setattr(volume, "Method", "paper"), "Out of date: Method changed"),
+        # a level is asked for, and layers of equal volume: these lengths count for nothing
+        (lambda volume: setattr(volume, "Thickness", 7.0), "Up to date"),
+        (lambda volume: setattr(volume, "FirstLayer", 7.0), "Up to date"),
         # the medial axis knows no depth
         (lambda volume: setattr(volume.Midstructure, "Depth", "20%"), "Up to date"),
     ],
@@ -153,6 +179,99 @@ def test_a_recompute_only_marks(doc, volume, change, told):
 
 
 _STRAIGHT = FreeCAD.Rotation()
+
+
+def test_thickness_in_the_property_editor(doc, volume):
+    def shown():
+        names = {
+            name for choices in SELECTORS.values() for names in choices.values() for name in names
+        }
+        return {name for name in names if "Hidden" not in volume.getEditorMode(name)}
+
+    assert shown() == {"W0"}
+    doc.openTransaction("thickness")
+    volume.ThicknessKind = "Minimum"
+    volume.Thickness = "2 mm"
+    volume.FaceFactors = ["Face3 = 1.5", "", "Face1=0.5"]
+    volume.Spacing = "First layer"
+    volume.FirstLayer = "0.25 mm"
+    doc.commitTransaction()
+    assert shown() == {"Thickness", "FirstLayer"}
+    options = options_of(current_parameters(volume))
+    assert options["thickness"] == "min 2 mm" and options["spacing"] == "first 0.25 mm"
+    assert options["face_factors"] == {"Face3": 1.5, "Face1": 0.5}
+    goal = Options(**options).goal
+    assert (goal.kind, goal.value, goal.factors) == ("min", 2.0, {"Face3": 1.5, "Face1": 0.5})
+    volume.ThicknessKind, volume.Share = "Share of radius", 30.0
+    assert Options(**options_of(current_parameters(volume))).goal.text == "30 %"
+    doc.recompute()
+    assert volume.Status == "Out of date: FaceFactors, Spacing, ThicknessKind changed"
+    volume.FaceFactors = ["Face3 is thick"]
+    doc.recompute()
+    assert volume.Status.startswith("Failed: 'Face3 is thick' is no factor of a face; write it as")
+    doc.undo()
+    doc.recompute()
+    assert volume.Status == "Up to date" and shown() == {"W0"} and volume.FaceFactors == []
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("spacing", SPACINGS)
+def test_values_and_what_they_ask_for(kind, spacing):
+    values = {**DEFAULTS, "ThicknessKind": kind, "Spacing": spacing, "FaceFactors": ("Face2 = 3",)}
+    again = {
+        **DEFAULTS,
+        **thickness_parameters(thickness_of(values)),
+        **spacing_parameters(spacing_of(values)),
+    }
+    assert again == values
+
+
+def test_method_has_the_choices_of_the_pipeline():
+    assert PROPERTIES["Method"].choices == METHODS
+
+
+def test_reached_thickness_in_the_document(doc, box, tmp_path):
+    one = completed(box, tmp_path)
+    figures = {"min": 1.2, "mean": 1.71, "max": 2.1}
+    row = {"face": "Face3", "w0": {"min": 0.3, "mean": 0.48, "max": 0.5}, "thickness": figures}
+    told = (
+        "asked 2 mm, reached 1.71 mm in the mean (1.2 to 2.1); thinner than asked at Face3 (86 %)"
+    )
+    shell = {**one.report["shell"], "thickness": figures, "faces": [row], "sentence": told}
+    one = replace(one, report={**one.report, "shell": shell})
+    (volume,) = document.insert(doc, box, [document.Prepared(one)])
+    assert volume.ThicknessReached == told
+    assert volume.FaceThickness == {"Face3": "1.71 mm (1.2 to 2.1), w0 0.48 (0.3 to 0.5)"}
+
+
+def test_a_document_of_the_first_version_is_still_up_to_date(doc, volume, tmp_path):
+    older = {name: text for name, text in volume.ComputedFrom.items()
+             if name in ("W0", "Layers", "Degree", "Tolerance", "Source")
+             or name.startswith(("Midstructure.", "FemMesh."))}  # fmt: skip
+    assert len(older) < len(volume.ComputedFrom)
+    volume.ComputedFrom = older
+    for name in ("ThicknessKind", "Thickness", "Share", "FaceFactors", "Method", "Spacing",
+                 "LayerRatio", "FirstLayer", "ThicknessReached", "FaceThickness"):  # fmt: skip
+        volume.removeProperty(name)
+    volume.SchemaVersion = 1
+    path = tmp_path / "older.FCStd"
+    doc.saveAs(str(path))
+    FreeCAD.closeDocument(doc.Name)
+    again = FreeCAD.openDocument(str(path), hidden=True)
+    try:
+        volume = again.getObject("HybridVolume")
+        again.recompute(None, True)
+        assert volume.SchemaVersion == 2 and volume.Status == "Up to date"
+        assert volume.ThicknessKind == "Level w0" and volume.W0 == 0.4
+        volume.FaceFactors = ["Face3 = 1.5"]
+        again.recompute()
+        assert volume.Status == "Out of date: FaceFactors changed"
+        again.save()
+        FreeCAD.closeDocument(again.Name)
+        again = FreeCAD.openDocument(str(path), hidden=True)
+        assert again.getObject("HybridVolume").FaceFactors == ["Face3 = 1.5"]
+    finally:
+        FreeCAD.closeDocument(again.Name)
 
 
 def test_a_fingerprint_survives_a_file_and_sees_a_moved_pole(doc, tmp_path):

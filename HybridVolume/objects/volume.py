@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from HybridVolume.errors import InputError
 from HybridVolume.sources import global_shape
 
 from . import midstructure, thickness
@@ -287,9 +288,14 @@ def update_status(obj: Any) -> None:
     elif "Midstructure.Decisions" not in obj.ComputedFrom:
         status = "Out of date: computed by an earlier version"
     else:
-        changed = changes(obj.ComputedFrom, current_inputs(obj))
-        words = ["the body" if name == "Source" else name for name in changed]
-        status = f"Out of date: {', '.join(words)} changed" if words else UP_TO_DATE
+        try:
+            thickness.face_factors(obj.FaceFactors)
+        except InputError as error:
+            status = f"Failed: {error.line}"
+        else:
+            changed = changes(obj.ComputedFrom, current_inputs(obj))
+            words = ["the body" if name == "Source" else name for name in changed]
+            status = f"Out of date: {', '.join(words)} changed" if words else UP_TO_DATE
     set_status(obj, status)
     if obj.Midstructure:
         midstructure.update_choice(obj.Midstructure)
