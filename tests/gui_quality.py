@@ -177,6 +177,20 @@ def result(answer):
         *(key for key, value in content.items() if state(doc)[key] != value),
     ]
 
+    # Undo takes the volume away under an open panel, Redo brings it back
+    toolbar("HybridVolume_Quality")
+    wait_for(lambda: widget(PANEL))
+    wait(300)
+    doc.undo()
+    wait(600)
+    answer["undone"] = {
+        "open": widget(PANEL) is not None,
+        "box": doc.Box.ViewObject.SwitchNode.whichChild.getValue() >= 0,
+        "nodes": drawn(doc)["nodes"] - before["nodes"],
+    }
+    doc.redo()
+    wait(300)
+
     # the inner boundary as an object, through a file
     for name in ("Shell", "Core"):
         getattr(doc, name).ViewObject.Visibility = False

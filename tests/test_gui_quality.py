@@ -66,6 +66,9 @@ def test_look_at_a_result(tmp_path):
     assert alone[1] == max(alone) and alone[1] > alone[2] + 40
     assert found["changed by the panel"] == []
 
+    # the volume and its five parts are gone from the view, and what the panel added
+    assert found["undone"] == {"open": False, "box": True, "nodes": -6}
+
     # at the thickest place: yellow, the upper end of the scale
     for colour in (found["object"], found["reopened"]["colour"]):
         assert min(colour[:2]) > 150 and colour[2] < 100

@@ -175,7 +175,11 @@ class QualityPanel:
         self._refresh()
         quality = result.quality
         proved = int(quality.proved.sum())
-        form.certified.setText(f"Certified: {proved} of {len(quality)} elements proved")
+        text = f"Certified: {proved} of {len(quality)} elements proved"
+        singular = result.volume.certificate.valid_inside
+        if singular:
+            text += f", {singular} of them but for singular corners of the body"
+        form.certified.setText(text)
         form.certified.setStyleSheet(
             f"font-weight: bold; color: {'#2b8a3e' if proved == len(quality) else '#c92a2a'};"
         )
@@ -359,6 +363,14 @@ class QualityPanel:
         self._layers.clear_selection()
         quality = self._result.quality
         self._mark(np.flatnonzero(np.isin(quality.face, rows)))
+        self.form.element.setText(self._face_text(quality.faces[rows[0]]) if rows else CLICK)
+
+    def _face_text(self, face: str) -> str:
+        """What was reached at a face, and why it is less than what was asked."""
+        row = next(row for row in self._result.by_face if row["face"] == face)
+        level, reason = row["w0"], row.get("reason", "")
+        text = f"{face}: w0 {level['min']:.3f} to {level['max']:.3f} of {row['w0_asked']:.3f} asked"
+        return f"{text}; {reason}" if reason else text
 
     def _select_layers(self, rows: list[int]) -> None:
         self._leave_worst()
