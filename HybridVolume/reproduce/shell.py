@@ -128,6 +128,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--parts", nargs="+", choices=PARTS, default=PARTS, help="leave the other parts out"
     )
+    parser.add_argument(
+        "--gather", action="store_true", help="do nothing new: tables of what is finished"
+    )
     parser.add_argument("--again", action="store_true", help="do finished cases again")
     parser.add_argument(
         "--time-limit", type=float, default=600.0, metavar="S", help="seconds for a body (600)"
@@ -173,7 +176,10 @@ def run(options: argparse.Namespace) -> int:
     for name in THREADS:
         os.environ.setdefault(name, "1")
     runner = Runner(folder, options.time_limit, options.again)
-    runner.run(bodies)
+    if options.gather:
+        missing += runner.without_open(bodies)
+    else:
+        runner.run(bodies)
     found = {
         "version": VERSION,
         "machine": machine(),
@@ -181,7 +187,9 @@ def run(options: argparse.Namespace) -> int:
         **runner.collected(bodies),
     }
     found["demands"] = demands(found)
-    found["pictures"] = draw(runner, bodies, found["cases"]) if "pictures" in parts else []
+    found["pictures"] = []
+    if "pictures" in parts and not options.gather:
+        found["pictures"] = draw(runner, bodies, found["cases"])
     found["seconds"] = time.perf_counter() - started
     write_json(folder / "shell.json", found)
     text = as_markdown(found)
@@ -308,6 +316,15 @@ class Runner:
         finally:
             for job, _, _ in running:
                 job.close()
+
+    def without_open(self, bodies: Sequence[Body]) -> list[str]:
+        """Take cases that are not finished out of what is asked; return their names."""
+        names = []
+        for body in bodies:
+            for name in self._open(body, again=False):
+                names.append(name)
+                del body.asked[name]
+        return names
 
     def _start(self, body: Body) -> tuple[CaseJob, Body, float]:
         job = CaseJob(

@@ -76,7 +76,7 @@ def _machine(found: Mapping[str, Any]) -> str:
     if found["missing"]:
         lines.append("")
         lines.append(
-            "Not measured, since their files were not there (`--data` names a folder): "
+            "Not measured (files that were not there, which `--data` names, or not done): "
             f"{', '.join(found['missing'])}."
         )
     return "\n".join(lines) + "\n"
