@@ -230,6 +230,7 @@ def shell_figures(shell: Shell, certificate: Certificate) -> dict[str, Any]:
         "w0_rms": float(shell.w0_rms),
         "elements": len(certificate),
         "valid": certificate.valid,
+        "valid_inside": certificate.valid_inside,
         "undecided": certificate.undecided,
         "invalid": certificate.invalid,
         "embedded": bool(shell.embedded),

@@ -24,7 +24,9 @@ is the surface, 1 the midstructure). Each row below is one body at one level:
   coefficients with rounding bounds), of all elements. A shell counts only if that is all of them
   and the inner boundary does not cut itself;
 - *scaled Jacobian*: the smallest det J / (|x_u| |x_v| |x_w|) over 6 x 6 x 6 places of every
-  element; 1 is a box;
+  element; 1 is a box. Where the normal of the given surface itself vanishes (in corners of the
+  pole, along lines of others) it is 0 whatever the shell does; the proof then holds everywhere
+  else, and the row says for how many elements;
 - *bound*: what no shell on this surface can exceed, with any columns: the smallest, over places of
   the surface, of the largest value that one direction can have for all patches that meet there;
 - *seconds*: front, untangling, certificate and test for crossings, of the processor. Midstructure
@@ -130,7 +132,8 @@ def _body_words(case: Case) -> str:
 
 def _proof(case: Case) -> str:
     if sound(case):
-        return f"all {case['elements']}"
+        inside = case.get("valid_inside", 0)
+        return f"all {case['elements']}" + (f" ({inside} but for such places)" if inside else "")
     more = "" if case["embedded"] else ", cuts itself"
     return f"{case['valid']} of {case['elements']}{more}"
 
