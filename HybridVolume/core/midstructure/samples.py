@@ -256,32 +256,63 @@ def _within(cells: _Cells, spacing: np.ndarray, count: int) -> np.ndarray:
     return spacing
 
 
-def _even_lines(breaks: np.ndarray, length: np.ndarray, step: float) -> np.ndarray:
-    """Parameters that cut a direction into pieces of equal length of at most about ``step``."""
-    along = np.concatenate([[0.0], np.cumsum(length)])
-    if along[-1] <= 0.0:
-        return breaks[[0, -1]]
-    pieces = max(1, int(np.ceil(along[-1] / step)))
-    grow = along + np.linspace(0.0, 1e-9 * along[-1], len(along))
-    return np.interp(np.linspace(0.0, grow[-1], pieces + 1), grow, breaks)
+def _pieces(length: np.ndarray, step: float) -> np.ndarray:
+    """Number of pieces of at most about ``step`` along lines of ``length`` (m, k), (m,)."""
+    return np.maximum(1, np.ceil(length.sum(axis=1) / step)).astype(int)
+
+
+def _even_lines(breaks: np.ndarray, length: np.ndarray, pieces: int) -> np.ndarray:
+    """Parameters that cut lines into pieces of equal length.
+
+    Parameters
+    ----------
+    breaks : (k + 1,) array
+        Parameters of all lines.
+    length : (m, k) array
+        Length of each line between them.
+    pieces : int
+
+    Returns
+    -------
+    (m, pieces + 1) array
+    """
+    along = np.pad(np.cumsum(length, axis=1), ((0, 0), (1, 0)))
+    # parts without length must not stop the search
+    grow = along + np.maximum(along[:, -1:], 1e-300) * np.linspace(0.0, 1e-9, len(breaks))
+    wanted = grow[:, -1:] * np.linspace(0.0, 1.0, pieces + 1)
+    part = (wanted[:, :, None] >= grow[:, None, 1:-1]).sum(axis=2)
+    rows = np.arange(len(length))[:, None]
+    low, high = grow[rows, part], grow[rows, part + 1]
+    share = np.clip((wanted - low) / np.maximum(high - low, 1e-300), 0.0, 1.0)
+    lines = breaks[part] + share * (breaks[part + 1] - breaks[part])
+    lines[:, 0], lines[:, -1] = breaks[0], breaks[-1]
+    return lines
 
 
 def _cells(surface: PatchSurface, step: float) -> _Cells:
-    lines = [[_fine_lines(knots) for knots in patch.knots] for patch in surface.patches]
-    shapes = [(len(u), len(v)) for u, v in lines]
-    uv = [np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2) for u, v in lines]
-    count = np.array([len(a) for a in uv])
-    x = evaluate_points(surface, np.repeat(np.arange(len(uv)), count), np.concatenate(uv))[0]
-    low, size = [], []
-    for (u, v), shape, grid in zip(lines, shapes, np.split(x, np.cumsum(count)[:-1]), strict=True):
-        grid = grid.reshape(*shape, 3)
-        u = _even_lines(u, np.linalg.norm(np.diff(grid, axis=0), axis=2).max(axis=1), step)
-        v = _even_lines(v, np.linalg.norm(np.diff(grid, axis=1), axis=2).max(axis=0), step)
-        iu, iv = (a.ravel() for a in np.indices((len(u) - 1, len(v) - 1)))
-        low.append(np.column_stack([u[iu], v[iv]]))
-        size.append(np.column_stack([np.diff(u)[iu], np.diff(v)[iv]]))
-    patch = np.repeat(np.arange(len(low)), [len(a) for a in low])
-    low, size = np.concatenate(low), np.concatenate(size)
+    owner, low, size = [], [], []
+    for stack in surface.stacks:
+        u, v = (_fine_lines(knots) for knots in stack.knots)
+        uu, vv = (a.ravel() for a in np.meshgrid(u, v, indexing="ij"))
+        times = len(stack.members)
+        x = surface.evaluate_at(
+            np.repeat(stack.members, len(uu)), np.tile(uu, times), np.tile(vv, times)
+        ).reshape(times, len(u), len(v), 3)
+        along_u = np.linalg.norm(np.diff(x, axis=1), axis=3).max(axis=2)
+        along_v = np.linalg.norm(np.diff(x, axis=2), axis=3).max(axis=1)
+        pieces = np.column_stack([_pieces(along_u, step), _pieces(along_v, step)])
+        kinds, kind = np.unique(pieces, axis=0, return_inverse=True)
+        for number, (nu, nv) in enumerate(kinds):
+            chosen = np.flatnonzero(kind.ravel() == number)
+            lu, lv = _even_lines(u, along_u[chosen], nu), _even_lines(v, along_v[chosen], nv)
+            iu, iv = (a.ravel() for a in np.indices((nu, nv)))
+            owner.append(np.repeat(stack.members[chosen], nu * nv))
+            low.append(np.stack([lu[:, iu], lv[:, iv]], axis=-1).reshape(-1, 2))
+            step_u, step_v = np.diff(lu, axis=1), np.diff(lv, axis=1)
+            size.append(np.stack([step_u[:, iu], step_v[:, iv]], axis=-1).reshape(-1, 2))
+    patch = np.concatenate(owner)
+    order = np.argsort(patch, kind="stable")
+    patch, low, size = patch[order], np.concatenate(low)[order], np.concatenate(size)[order]
     _, x_u, x_v = evaluate_points(surface, patch, low + 0.5 * size)
     x_u, x_v = x_u * size[:, :1], x_v * size[:, 1:]
     length = np.column_stack([np.linalg.norm(x_u, axis=1), np.linalg.norm(x_v, axis=1)])

@@ -96,10 +96,14 @@ def _creases(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Sharp lines inside patches, where a knot is as often as the degree: patch, points, convex."""
     patches, lines, convex = [], [], []
-    for k, patch in enumerate(surface.patches):
+    for stack in surface.stacks:
+        places = []
         for direction in (0, 1):
-            values, count = np.unique(patch.knots[direction], return_counts=True)
-            for value in values[1:-1][count[1:-1] >= patch.degrees[direction]]:
+            values, count = np.unique(stack.knots[direction], return_counts=True)
+            sharp = values[1:-1][count[1:-1] >= stack.degrees[direction]]
+            places += [(direction, value) for value in sharp]
+        for k in stack.members if places else ():
+            for direction, value in places:
                 jump = []
                 for at in (value - 1e-9, value + 1e-9):
                     uv = (np.full(len(t), at), t) if direction == 0 else (t, np.full(len(t), at))
