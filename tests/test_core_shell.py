@@ -187,9 +187,12 @@ def test_energy_gradient_matches_differences(body, share, eps):
 class _Slope:
     """A field whose level rises linearly along z."""
 
-    def evaluate_near(self, points, near):
+    def evaluate(self, points):
         gradient = np.tile([0.0, 0.0, 0.2], (len(points), 1))
-        return 0.5 + 0.2 * points[:, 2], gradient, np.ones(len(points), dtype=bool), near
+        return 0.5 + 0.2 * points[:, 2], gradient, np.ones(len(points), dtype=bool)
+
+    def evaluate_near(self, points, near):
+        return *self.evaluate(points), near
 
 
 def test_samples_agree_with_the_shell():

@@ -12,7 +12,7 @@ between them is taken once.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,6 +20,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from . import bspline
+from .bezier import BezierElements
 from .bound import scaled_jacobian_bound
 from .contacts import Planes, TestGrid, planes_between
 from .front import ColumnFrame, column_frame, solve_front
@@ -114,6 +115,8 @@ class ColumnSpace:
             at = points_of(surface, singular)
             self.rest[at] = correction[at]
         self.base = surface.control_points + correction - self.rest
+        self._proved: tuple[np.ndarray, Certificate] | None = None
+        self._shapes: tuple[ColumnState, np.ndarray] | None = None
         self.level_counts = True  # or only shapes do, where less fidelity is asked for
         self.reach = 0.3 * self.frame.spacing
         self.grids = [TestGrid(surface, cells) for cells in GRIDS]
@@ -130,8 +133,22 @@ class ColumnSpace:
         return Shell(self.surface, layers, self.degree_w, self.knots_w)
 
     def certificate(self, d: np.ndarray) -> Certificate:
-        """What can be proved about the elements of given columns."""
-        return certify(self.shell(d).bezier_elements())
+        """What can be proved about the elements of given columns.
+
+        Only elements that are not as they were at the last call are looked at again.
+        """
+        batches = self.shell(d).bezier_elements()
+        if self._proved is None:
+            certificate = certify(batches)
+        else:
+            before, certificate = self._proved
+            moved = np.flatnonzero((d != before).any(axis=1))
+            changed = np.zeros(self.surface.element_count, dtype=bool)
+            changed[elements_with(self.surface, moved)] = True
+            parts = [_rows(batch, changed[batch.element]) for batch in batches]
+            certificate = certificate.merge(certify([part for part in parts if len(part)]))
+        self._proved = d.copy(), certificate
+        return certificate
 
     def check(self, d: np.ndarray) -> ColumnState:
         """Prove, test and measure columns."""
@@ -172,7 +189,9 @@ class ColumnSpace:
 
     def shapes(self, state: ColumnState) -> np.ndarray:
         """Smallest scaled Jacobian of every element."""
-        return scaled_jacobian(self.shell(state.d).bezier_elements())
+        if self._shapes is None or self._shapes[0] is not state:
+            self._shapes = state, scaled_jacobian(self.shell(state.d).bezier_elements())
+        return self._shapes[1]
 
     def fault(self, state: ColumnState, goal: np.ndarray) -> float:
         """How far an accepted state is from the levels, flat elements counted as well."""
@@ -240,6 +259,15 @@ class ColumnSpace:
             near[points] = np.maximum(near[points], share)
             points = points_of(self.surface, elements_with(self.surface, points))
         return near
+
+
+def _rows(batch: BezierElements, chosen: np.ndarray) -> BezierElements:
+    """Some elements of a batch."""
+    parts = {
+        name: None if getattr(batch, name) is None else getattr(batch, name)[chosen]
+        for name in ("control_points", "weights", "element", "patch", "singular")
+    }
+    return replace(batch, **parts)
 
 
 def nodal_matrix(surface: PatchSurface) -> sparse.csr_matrix:

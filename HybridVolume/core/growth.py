@@ -42,6 +42,8 @@ PATIENCE = 3
 """Such repairs in a row without fewer bad elements after which to give up."""
 POLISHES = 4
 """Most rounds in which the worst shapes are improved."""
+GENTLE = 30.0
+"""Greatest weight of the isosurface term in these rounds."""
 MERGES = (2, 4, 7, 12)
 """Rings of elements around what is wrong that stay as they were, one after the other."""
 AHEAD = (0.25, 0.5, 1.0)
@@ -129,28 +131,45 @@ class _Grower(ColumnSpace):
         """Optimise all columns of a sound state, then repair what is wrong in few places."""
         energy = self.energy(state.d, goal, fidelity, planes=planes)
         wanted = self.check(optimise(energy, self.reach, rounds=2))
+        return self.repaired(state, wanted, goal, fidelity, planes)
+
+    def repaired(
+        self,
+        sound: ColumnState,
+        wanted: ColumnState,
+        goal: np.ndarray,
+        fidelity: float,
+        planes: Planes | None,
+        emphasis: np.ndarray | None = None,
+        repairs: int = REPAIRS,
+    ) -> tuple[ColumnState, Planes | None]:
+        """Mend a wanted state in few places, and take the sound one there where that fails.
+
+        What crosses is parted by planes, what folds goes back on its way from the sound state and
+        gets more samples; only what is near is optimised again.
+        """
         fewest, least = wanted, len(wanted.bad)
-        for number in range(REPAIRS):
+        for number in range(repairs):
             bad = wanted.bad
             if not len(bad) or len(bad) > 0.3 * self.surface.element_count:
                 break
             if len(wanted.crossing):
-                fresh = self.planes(state.d, wanted.d)
+                fresh = self.planes(sound.d, wanted.d)
                 planes = fresh if planes is None else planes.joined(fresh)
-            start = self.held_back(state.d, wanted.d)
             energy = self.energy(
-                start,
+                self.held_back(sound.d, wanted.d),
                 goal,
                 fidelity,
                 like=wanted.d,
                 free=self.around(bad, 2 + number) > 0,
                 planes=planes,
+                emphasis=emphasis,
             )
             energy.add_samples(np.intersect1d(wanted.unproved, energy.elements), 7)
             wanted = self.check(optimise(energy, self.reach, rounds=2, steps=30))
             if len(wanted.bad) < least:
                 fewest, least = wanted, len(wanted.bad)
-        return (fewest if fewest.accepted else self.merged(state, fewest)), planes
+        return (fewest if fewest.accepted else self.merged(sound, fewest)), planes
 
     def stages(self, best: ColumnState, goal: np.ndarray) -> ColumnState:
         """Draw a sound state to its levels, ever more strongly."""
@@ -174,6 +193,7 @@ class _Grower(ColumnSpace):
     ) -> ColumnState:
         """Give the flattest elements more weight, round after round, and optimise around them."""
         emphasis = np.ones(self.surface.element_count)
+        pull = min(fidelity, GENTLE)
         state, least = best, self.fault(best, goal)
         for number in range(POLISHES):
             shapes = self.shapes(state)
@@ -184,15 +204,14 @@ class _Grower(ColumnSpace):
             energy = self.energy(
                 state.d,
                 goal,
-                fidelity,
+                pull,
                 free=self.around(flat, 3) > 0,
                 planes=planes,
                 emphasis=emphasis,
             )
             energy.add_samples(np.intersect1d(flat, energy.elements), 6)
             wanted = self.check(optimise(energy, self.reach, rounds=1))
-            if not wanted.accepted:
-                wanted = self.merged(state, wanted)
+            wanted, planes = self.repaired(state, wanted, goal, pull, planes, emphasis, 2)
             if not wanted.accepted:
                 break
             state = wanted

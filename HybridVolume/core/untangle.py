@@ -28,6 +28,8 @@ ACROSS = np.array([0.0, 0.5, 1.0])
 """Places of the samples in w: on straight columns det J is quadratic in w."""
 FLOOR = 0.1
 """Share of the target below which the level counts no longer in the logarithm but as it is."""
+STEEP = 3.0
+"""What is added to that share where the level rises as usual."""
 BARRIER = 1e-9
 """Regularisation at which an inverted sample costs so much that no step takes it."""
 
@@ -94,6 +96,10 @@ class ColumnEnergy:
         touched = np.zeros(len(d))
         touched[self.free] = 1.0
         self.nodes = np.flatnonzero(nodal @ touched > 0)
+        # in the logarithm only where the level hardly rises: elsewhere it would draw too much
+        slope = np.linalg.norm(field.evaluate(nodal @ (base + d))[1], axis=1)
+        usual = max(float(np.median(slope)), 1e-300)
+        self.floor = FLOOR + STEEP * (slope[self.nodes] / usual) ** 2
         self.nodal = nodal[self.nodes]
         self.nodal_t = self.nodal.T.tocsr()
         self.target = target[self.nodes]
@@ -139,12 +145,13 @@ class ColumnEnergy:
     def _off(self, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distance from the target as a share of it, and its derivative by w.
 
-        Below the target it is logarithmic: in an edge of angle a the level falls like the distance
-        to the power of pi / a, so that (w - target) would hardly draw a point out of a sharp edge.
+        Below the target it is logarithmic where the level hardly rises: in an edge of angle a the
+        level falls like the distance to the power of pi / a, so that (w - target) would hardly draw
+        a point out of a sharp edge.
         """
-        low = np.clip(w, 0.0, self.target) + FLOOR * self.target
-        rate = (1.0 + FLOOR) / low
-        off = (1.0 + FLOOR) * np.log(low / ((1.0 + FLOOR) * self.target))
+        low = np.clip(w, 0.0, self.target) + self.floor * self.target
+        rate = (1.0 + self.floor) / low
+        off = (1.0 + self.floor) * np.log(low / ((1.0 + self.floor) * self.target))
         off += np.minimum(w, 0.0) * rate + np.maximum(w - self.target, 0.0) / self.target
         return off, rate
 
