@@ -129,18 +129,26 @@ def _arrays(scene: Scene | Chart, size: tuple[int, int]) -> dict[str, np.ndarray
     if isinstance(scene, Chart):
         values = {**asdict(scene), "edges": scene.edges.tolist(), "counts": scene.counts.tolist()}
         return {"size": np.array(size), "chart": np.array(json.dumps(values))}
+    # graphics cards have single precision: bodies are drawn at the origin, about one long
+    shown = np.concatenate([skin.points for skin in scene.skins])
+    low, high = shown.min(axis=0), shown.max(axis=0)
+    centre, unit = 0.5 * (low + high), max(float(np.linalg.norm(high - low)), 1e-300)
+
+    def near(points: np.ndarray) -> np.ndarray:
+        return (points - centre) / unit
+
     arrays = {
         "size": np.array(size),
+        "unit": np.array(unit),
         "skins": np.array(len(scene.skins)),
         "wires": np.array(len(scene.wires)),
         "direction": scene.direction,
         "up": scene.up,
-        "radius": np.array(scene.radius),
-        "labels": np.array([label.point for label in scene.labels]).reshape(-1, 3),
+        "labels": near(np.array([label.point for label in scene.labels]).reshape(-1, 3)),
         "words": np.array(json.dumps(_words(scene))),
     }
     for number, skin in enumerate(scene.skins):
-        arrays[f"skin{number}_points"] = skin.points
+        arrays[f"skin{number}_points"] = near(skin.points)
         arrays[f"skin{number}_triangles"] = skin.triangles
         arrays[f"skin{number}_colour"] = np.array(skin.colour)
         arrays[f"skin{number}_opacity"] = np.array(skin.opacity)
@@ -150,7 +158,7 @@ def _arrays(scene: Scene | Chart, size: tuple[int, int]) -> dict[str, np.ndarray
         if skin.values is not None:
             arrays[f"skin{number}_values"] = skin.values
     for number, wire in enumerate(scene.wires):
-        arrays[f"wire{number}_points"] = wire.points
+        arrays[f"wire{number}_points"] = near(wire.points)
         arrays[f"wire{number}_colour"] = np.array(wire.colour)
         arrays[f"wire{number}_width"] = np.array(wire.width)
     return arrays

@@ -60,7 +60,9 @@ def _draw(pyvista: Any, data: dict[str, np.ndarray], picture: str) -> None:
         places = [_place(plotter, point) for point in data["labels"]]
         from .annotate import annotate
 
-        annotate(picture, image, words, size, _inner(size, words), places, height)
+        annotate(
+            picture, image, words, size, _inner(size, words), places, height * float(data["unit"])
+        )
     plotter.close()
 
 
@@ -142,7 +144,7 @@ def _look(
     Returns
     -------
     float
-        Height of the picture, mm; of a flat (parallel) projection everywhere.
+        Height of the picture in units of the scene; in a flat (parallel) projection everywhere.
     """
     points = [data[f"skin{number}_points"] for number in range(int(data["skins"]))]
     if flat:
