@@ -15,13 +15,13 @@ What the paper leaves open is decided so that its method does as well as it can:
   forgotten by a fine mesh; and edges between boundary vertices are split, or w would be 0 around
   them;
 * the gradient is recovered at the vertices and interpolated. Along the gradient that is constant in
-  each tetrahedron, paths meet at the tetrahedra's faces: without smoothing, a box of 352 elements
-  then has 78 inverted ones at w0 = .3 instead of 1;
-* a step is w0 / 24. The Laplacian has the weights dual length over length of the control net (the
-  cotangents, on a net of rectangles), so that what is even on the surface stays as it is, and the
-  ends move a tenth of the way. With equal weights a torus of 64 elements has 16 inverted ones; with
-  three tenths of the way a ring of 64 has 8. With these weights and this share both have none, and
-  a box of 352 has none or one at any level;
+  each tetrahedron, paths meet at the tetrahedra's faces: a box of 352 elements then has 24 inverted
+  ones at w0 = .5 instead of none;
+* a step is 1/24 of the way from the surface to the midstructure. The Laplacian has the weights dual
+  length over length of the control net (the cotangents, on a net of rectangles), so that what is
+  even on the surface stays as it is, and the ends move a tenth of the way. Without smoothing the
+  box has 16 inverted elements at w0 = .5, now none; with three tenths of the way a ring of 32 has
+  12, with equal weights 2, now none. More smoothing is better on boxes and worse on round bodies;
 * W is found for all paths together ("determined through an optimization procedure"): from equally
   spaced values such that the layers of elements have equal volumes. A single layer leaves nothing
   to choose, and W stays equally spaced.

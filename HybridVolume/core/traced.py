@@ -22,8 +22,10 @@ from .tetmesh.door import enclosed_volume
 
 logger = logging.getLogger(__name__)
 
-STEPS = 24
-"""Steps of the paths."""
+STEP = 1.0 / 24.0
+"""Largest difference of level in a step of the paths."""
+FEWEST = 4
+"""Steps of paths at least."""
 SMOOTHING = 0.1
 """Share of the way to the mean of its neighbours that an end moves in a step."""
 ROUNDS = 60
@@ -83,7 +85,8 @@ def trace_paths(
     x = surface.control_points
     paths = [x]
     lost = np.zeros(0, dtype=int)
-    for level in w0 * np.arange(1, STEPS + 1) / STEPS:
+    steps = max(FEWEST, int(np.ceil(w0 / STEP)))
+    for level in w0 * np.arange(1, steps + 1) / steps:
         x, _ = _to_level(field, x, level, surface.diagonal)
         x, lost = _to_level(field, x + SMOOTHING * (mean @ x - x), level, surface.diagonal)
         paths.append(x)
