@@ -16,10 +16,13 @@ try:
 except SetupError as missing:
     pytest.skip(missing.message, allow_module_level=True)
 
-from made_by_hand import SIZE, completed
-from shells import make_volume
+from box_mesh import box_mesh
+from made_by_hand import SIZE, completed, face_names
+from shells import make_shell
 
+from HybridVolume.core.hybrid import HybridVolume
 from HybridVolume.core.reached import inner_figures
+from HybridVolume.core.validity import certify
 from HybridVolume.objects import document
 from HybridVolume.objects.inner import stored_volume, volume_of
 from HybridVolume.objects.volume import make_volume as make_volume_object
@@ -34,6 +37,16 @@ def doc():
     yield doc
     if name in FreeCAD.listDocuments():
         FreeCAD.closeDocument(name)
+
+
+def result_of(box, number):
+    """A result with a shell and a certificate; of core and midstructure nothing is looked at."""
+    shell = make_shell("box")
+    fem = box_mesh(SIZE, face_names(box.Shape))
+    certificate = certify(shell.bezier_elements())
+    return HybridVolume(
+        *(shell.surface, None, {}, shell, certificate, None, None, fem, 0.0, {"number": number})
+    )
 
 
 def prepared(box, folder, volume):
@@ -53,7 +66,7 @@ def box(doc):
 
 
 def test_from_result_to_result(doc, box, tmp_path):
-    first, second = make_volume("box"), make_volume("box", order=1)
+    first, second = result_of(box, 1), result_of(box, 2)
     (obj,) = document.insert(doc, box, [prepared(box, tmp_path / "first", first)])
     inner = obj.InnerBoundary
     assert inner.Proxy.Type == "HybridVolume::InnerBoundary" and volume_of(inner) is obj
@@ -63,7 +76,7 @@ def test_from_result_to_result(doc, box, tmp_path):
     assert not {kind for kind in kinds if "File" in kind or "FloatList" in kind}
 
     found = stored_volume(obj)
-    assert found is not first and found.fem.order == 2
+    assert found is not first and found.report == {"number": 1}
     assert found.shell.layers.tobytes() == first.shell.layers.tobytes()
     assert stored_volume(obj) is found
     # columns go half-way to the middle of a box of 3 x 2 x 1: the inner boundary is a quarter
@@ -74,9 +87,9 @@ def test_from_result_to_result(doc, box, tmp_path):
     assert np.ptp(figures.vertices, axis=0) == pytest.approx([1.5, 1.0, 0.5], rel=0.01)
 
     document.insert(doc, box, [prepared(box, tmp_path / "second", second)], obj)
-    assert obj.InnerBoundary is inner and stored_volume(obj).fem.order == 1
+    assert obj.InnerBoundary is inner and stored_volume(obj).report == {"number": 2}
     doc.undo()
-    assert stored_volume(obj).fem.order == 2
+    assert stored_volume(obj).report == {"number": 1}
     box.Height = 2.0
     doc.recompute()
     assert inner.Status == "Out of date: the body changed"
@@ -95,18 +108,18 @@ def test_from_result_to_result(doc, box, tmp_path):
 
 
 def test_undo_takes_it_away(doc, box, tmp_path):
-    document.insert(doc, box, [prepared(box, tmp_path / "first", make_volume("box"))])
+    document.insert(doc, box, [prepared(box, tmp_path / "first", result_of(box, 1))])
     doc.undo()
     assert [obj.Name for obj in doc.Objects] == ["Box"]
 
 
 def test_documents_of_earlier_versions(doc, box, tmp_path):
-    volume = make_volume("box")
+    volume = result_of(box, 1)
     (obj,) = document.insert(doc, box, [prepared(box, tmp_path / "first", volume)])
     doc.removeObject(obj.InnerBoundary.Name)
     obj.removeProperty("InnerBoundary")
     obj.Proxy.onDocumentRestored(obj)
-    assert obj.InnerBoundary is None and stored_volume(obj).fem.order == 2
+    assert obj.InnerBoundary is None and stored_volume(obj).report == {"number": 1}
     set_status(obj, "Out of date")
     document.insert(doc, box, [prepared(box, tmp_path / "second", volume)], obj)
     assert volume_of(obj.InnerBoundary) is obj and obj.InnerBoundary.Status == "Up to date"
