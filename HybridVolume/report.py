@@ -228,6 +228,7 @@ def shell_figures(shell: Shell, volume: HybridVolume) -> dict[str, Any]:
         "w0_rms": float(shell.w0_rms),
         "w0_asked": float(shell.w0_asked),
         "embedded": bool(shell.embedded),
+        "embedding_proved": told.get("embedding_proved", {"outer": False, "inner": False}),
         **{name: reached[name] for name in ("asked", "thickness", "faces", "sentence")},
         "isosurface": told.get("isosurface", {}),
         "method": told.get("method", "certified"),

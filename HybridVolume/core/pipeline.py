@@ -13,6 +13,7 @@ import numpy as np
 
 from ..errors import FaultError, InputError
 from .check import SingularPlaces, check_surface, check_uncut
+from .embedding_proof import prove_embedded
 from .finite_elements import build_finite_elements
 from .gap import gap_volume
 from .goals import Thickness, check_faces
@@ -243,6 +244,10 @@ def complete(
     report("interior", 0.9, f"{len(interior.mesh.tets)} tetrahedra in the core; balance")
     gap = gap_volume(interface, shell)
     _check_balance(body, shell, interior, gap)
+    embedding = {
+        "outer": prove_embedded(body).proved,
+        "inner": prove_embedded(shell.inner_surface()).proved,
+    }
     top = float(shell.goal.max()) if len(shell.goal) else options.w0
     topology = isosurface_figures(field, body, top)
     why = WHY if options.method == "paper" else ""
@@ -267,6 +272,7 @@ def complete(
             "method": options.method,
             "spacing": spacing.text,
             "layer_heights": layer_heights(shell),
+            "embedding_proved": embedding,
             "isosurface": topology,
             **reached_figures(shell, options.goal, why, topology["w0_used"]),
         },
