@@ -219,6 +219,8 @@ def even_with_a_face(answer):
         "objects": objects(doc),
         "properties": properties(volume),
         "shown": child("showInner").isChecked(),
+        "told": told(),
+        "reached": volume.ThicknessReached,
         "log": child("log", QtGui.QPlainTextEdit).toPlainText(),
         "sentence": volume.Report["shell.sentence"],
         "thickness": [float(volume.Report[f"shell.thickness.{k}"]) for k in ("min", "mean", "max")],
@@ -238,6 +240,7 @@ def even_with_a_face(answer):
     before = state(doc)
     double_click(volume)
     answer["reopened"] = {
+        "told": told(),
         "kind": child("kind", QtGui.QComboBox).currentText(),
         "length": child("length").property("rawValue"),
         "rows": rows(),

@@ -65,10 +65,12 @@ def test_even_thickness_with_a_face(tmp_path):
     done = found["done"]
     assert done["undo"] == ["Complete the volume"] and done["objects"] == PARTS
     assert done["properties"] == EVEN and not done["shown"]
+    assert done["reached"] in done["told"]["figures" if not done["sentence"] else "warning"]
     assert (done["sentence"] in done["log"]) and "all proved valid" in done["log"]
     assert found["closed"] == {"open": False, "nodes": ["Transform", "Coordinate3", "Switch"]}
 
     assert found["reopened"] == {
+        "told": done["told"],
         "kind": "Even thickness",
         "length": 1.5,
         "rows": [["Face6", 2.0]],

@@ -16,7 +16,7 @@ from HybridVolume.core.goals import Thickness
 from HybridVolume.errors import HybridVolumeError, InputError
 from HybridVolume.job import Job, worker_python
 from HybridVolume.objects import thickness as shell
-from HybridVolume.objects.midstructure import METHODS
+from HybridVolume.objects.midstructure import METHODS, UP_TO_DATE
 from HybridVolume.objects.volume import inputs_of, options_of, set_status
 from HybridVolume.objects.volume_editor import VolumeEditor
 from HybridVolume.sources import global_shape
@@ -240,6 +240,8 @@ class TaskPanel:
         form.run.clicked.connect(self.run)
         form.cancel.clicked.connect(self.cancel)
         self._filled = True
+        if _computed(self._volume) and self._volume.Status == UP_TO_DATE:
+            self._tell_reached([self._volume])
         self._idle("Ready" if self._volume is None else self._volume.Status)
 
     def _read_form(self) -> dict[str, Any]:
@@ -373,8 +375,21 @@ class TaskPanel:
                 self._write(f"{volume.Label}: {volume.Report['shell.sentence']}")
         # the shell itself is there now
         self._preview.hide()
+        self._tell_reached(self.created)
         self.form.progress.setValue(self.form.progress.maximum())
         self._idle("Done")
+
+    def _tell_reached(self, volumes: Sequence[Any]) -> None:
+        """Say beside the thickness what the last run made of it."""
+        told = [(one, one.Report.get("shell.sentence", "")) for one in volumes]
+        short = [
+            f"{one.Label}: {text}" if len(told) > 1 else f"The last run: {text}."
+            for one, text in told
+            if text
+        ]
+        reached = told[0][0].ThicknessReached if len(told) == 1 else ""
+        as_asked = f"The last run: {reached}." if reached and not short else ""
+        self._preview.tell(as_asked, "\n".join(short))
 
     def _take_in(self, jobs: Sequence[Job]) -> list[Any]:
         """Put the results into the document."""

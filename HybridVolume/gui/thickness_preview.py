@@ -95,7 +95,7 @@ class ThicknessPreview:
         form.showInner.toggled.connect(self._toggle)
         form.legend.setPixmap(_legend())
         FreeCAD.addDocumentObserver(self)
-        self._tell("", "")
+        self.tell("", "")
 
     # What the panel does with it.
 
@@ -151,7 +151,7 @@ class ThicknessPreview:
     def _toggle(self, on: bool) -> None:
         if not on:
             self._runner.cancel()
-            self._tell("", "")
+            self.tell("", "")
             self._update_view()
             self._changed()
         elif self._field is not None and self._field_of == self._depends_on():
@@ -177,7 +177,7 @@ class ThicknessPreview:
         except HybridVolumeError as error:
             self._fail(error, "")
             return
-        self._tell("Computing the field of the body...", "")
+        self.tell("Computing the field of the body...", "")
         self._changed()
 
     def _finish(self, jobs: Sequence[Job]) -> None:
@@ -210,7 +210,7 @@ class ThicknessPreview:
             shown = self.shown
             self._uncheck()
             if shown:
-                self._tell("", "Body or midstructure changed: show the inner boundary again.")
+                self.tell("", "Body or midstructure changed: show the inner boundary again.")
 
     # What documents tell an observer.
 
@@ -256,7 +256,7 @@ class ThicknessPreview:
         try:
             thickness = self._thickness()
         except HybridVolumeError as error:
-            self._tell("", error.line)
+            self.tell("", error.line)
             return
         self._unselect_body()
         self._update_view()
@@ -269,7 +269,7 @@ class ThicknessPreview:
         else:
             colours = thickness_scale(top).packed(inner.distance)
         self._view.show(inner, colours)
-        self._tell(figures, warning, wrong=wrong)
+        self.tell(figures, warning, wrong=wrong)
         self._show_legend(not (wrong or plain), top)
         FreeCADGui.updateGui()
         self._form.setProperty("previewSeconds", time.perf_counter() - began)
@@ -311,7 +311,16 @@ class ThicknessPreview:
             return text, f"The body is too thin for {thickness}: this is the most.", False
         return text, "", False
 
-    def _tell(self, figures: str, warning: str, *, wrong: bool = False) -> None:
+    def tell(self, figures: str, warning: str, *, wrong: bool = False) -> None:
+        """Say something about the thickness, below it.
+
+        Parameters
+        ----------
+        figures, warning : str
+            Empty ones are not shown.
+        wrong : bool
+            Whether no shell can be like that: red instead of orange.
+        """
         form = self._form
         colour = "#c92a2a" if wrong else "#d9480f"
         form.warning.setStyleSheet(f"color: {colour}; font-weight: bold;")
