@@ -288,6 +288,19 @@ def refused(answer):
     wait(300)
     answer["after a change"] = red_places.shown() is not None
     answer["nodes"] = [before["nodes"], drawn(doc)["nodes"]]
-    red_places.show(cylinder, error)
+    # OCC may fail on the very faces that are bad
+    whole = red_places.triangles_of
+
+    def broken(shape, deviation):
+        raise RuntimeError("cannot be meshed")
+
+    red_places.triangles_of = broken
+    answer["cannot be meshed"] = [
+        red_places.show(cylinder, error),
+        red_places.shown().faces,
+        red_places.shown().balls,
+        cylinder.ViewObject.SwitchNode.whichChild.getValue() >= 0,
+    ]
+    red_places.triangles_of = whole
     FreeCAD.closeDocument(doc.Name)
     answer["document closed"] = red_places.shown() is not None

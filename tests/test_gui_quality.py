@@ -92,3 +92,4 @@ def test_red_places(tmp_path):
     assert found["faces that exist"] == ["Face1"]
     assert not found["after a change"] and not found["document closed"]
     assert found["nodes"][0] == found["nodes"][1]
+    assert found["cannot be meshed"] == [True, [], 1, False]

@@ -7,7 +7,7 @@ Nothing of it is in the document: nodes are added to the 3D views and taken away
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import FreeCAD
@@ -85,6 +85,15 @@ def _words(place: Place) -> str:
     return f"{place.face} at u = {place.u:.3g}, v = {place.v:.3g}: {place.what}"
 
 
+def _drawn(make: Callable[[], Any], name: str) -> Any | None:
+    """What a function draws; None where OCC cannot mesh it: the body is a bad one, after all."""
+    try:
+        return make()
+    except RuntimeError as problem:
+        FreeCAD.Console.PrintLog(f"HybridVolume: {name} cannot be drawn: {problem}\n")
+        return None
+
+
 class RedPlaces:
     """Red faces and balls in all views of the body's document, until :meth:`close`.
 
@@ -108,15 +117,22 @@ class RedPlaces:
         self._diagonal = shape.BoundBox.DiagonalLength
         known = {f"Face{number}": face for number, face in enumerate(shape.Faces, start=1)}
         named = dict.fromkeys([*error.faces, *(place.face for place in error.places)])
-        self.faces = [name for name in named if name in known]
+        self.faces: list[str] = []
         self.balls = min(len(error.places), MOST)
-        root = separator(unpickable(), glass(shape, INK, 0.3))
-        for name in self.faces:
-            root.addChild(self._face(known[name]))
+        root = separator(unpickable())
+        self._hidden = Hidden()
+        body = _drawn(lambda: glass(shape, INK, 0.3), source.Label)
+        if body is not None:
+            root.addChild(body)
+            self._hidden.hide(source)
+        for name in (name for name in named if name in known):
+            face = known[name]
+            red = _drawn(lambda face=face: self._face(face), name)
+            if red is not None:
+                root.addChild(red)
+                self.faces.append(name)
         root.addChild(self._balls(error.places[:MOST]))
         root.addChild(self._texts(error.places))
-        self._hidden = Hidden()
-        self._hidden.hide(source)
         self._added = Added(self._document, root)
         FreeCAD.addDocumentObserver(self)
 
