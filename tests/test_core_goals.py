@@ -15,7 +15,7 @@ from HybridVolume.core.goals import Thickness, parse_factors
 from HybridVolume.core.growth import grow_shell
 from HybridVolume.core.harmonic import HarmonicField, solve_harmonic
 from HybridVolume.core.midstructure import medial_axis
-from HybridVolume.core.refinement import flatten_spans
+from HybridVolume.core.refinement import divide_faces, flatten_spans
 from HybridVolume.core.surface import PatchSurface
 from HybridVolume.core.thickness import distance_to_triangles, surface_places
 from HybridVolume.errors import InputError
@@ -143,3 +143,22 @@ def test_factors_are_for_faces_that_there_are():
     assert found.value.faces == ("Face77",) or list(found.value.faces) == ["Face77"]
     with pytest.raises(InputError, match="Face1"):
         Thickness("w0", 0.3, {"Face1": 0.0})
+
+
+def test_a_plain_face_can_have_a_thickness_of_its_own():
+    """Without knots all columns of a plain box stand on its corners, which faces share."""
+    given = build_surface(list(bodies.box((3.0, 2.0, 1.0), (1, 1, 1), 1).faces))
+    face = given.patches[0].face
+    surface = divide_faces(given, [face])
+    assert surface.volume() == pytest.approx(6.0, rel=1e-12)
+    assert surface.element_count == 6 * 4 * 4
+    assert divide_faces(surface, [face]) is surface and divide_faces(given, []) is given
+    field = solve_harmonic(surface, medial_axis(surface, 3000))
+    shell, _ = grow_shell(surface, field, Thickness.parse("0.2 mm", {face: 0.5}), layers=1)
+    inner = shell.inner_surface()
+    middle = [np.full(1, 0.5), np.full(1, 0.5)]
+    away = [
+        np.abs(inner.evaluate(k, *middle) - surface.evaluate(k, *middle)).max() for k in range(6)
+    ]
+    assert away[0] == pytest.approx(0.1, rel=0.2)
+    assert away[1:] == pytest.approx([0.2] * 5, rel=0.15)

@@ -152,7 +152,17 @@ def test_refused_in_one_line(place, python, name):
         (("box.step", "--w0", "2"), "--w0: '2' is no number between 0 and 1"),
         (("box.step", "--w0", "0.001"), "w0 is 0.001"),
         (("box.step", "--layers", "0"), "--layers: '0' is no count"),
+        (("box.step", "--layers", "51"), "layers is 51; choose a value from 1 to 50"),
         (("box.step", "--degree", "9"), "degree is 9"),
+        (("box.step", "--w0", "0.3", "--thickness", "2 mm"), "--thickness: not allowed with"),
+        (("box.step", "--thickness", "2 inch"), "--thickness: '2 inch' is no thickness; give"),
+        (("box.step", "--thickness", "0 mm"), "the thickness is 0 mm; choose a length above"),
+        (("box.step", "--thickness", "120 %"), "120 % of the local radius; choose a share"),
+        (("box.step", "--face-factor", "Face9=2"), "Face9 = 2: no body has this face; name one"),
+        (("box.step", "--face-factor", "Face1"), "'Face1' is no factor of a face; write it as"),
+        (("box.step", "--face-factor", "Face1=99"), "the factor of Face1 is 99; choose a factor"),
+        (("box.step", "--spacing", "thin"), "--spacing: 'thin' is no spacing of layers; give"),
+        (("box.step", "--spacing", "ratio 9"), "grow by the factor 9; choose a factor from 0.125"),
         (("box.step", "--order", "3"), "--order: invalid choice"),
         (("box.step", "--midstructure", "magic"), "none of auto, medial-axis, skeleton, dist"),
         (("box.step", "--midstructure", "own"), "no STEP or BREP file"),
@@ -327,19 +337,33 @@ def test_a_file_with_the_midstructure(place, python):
     write_step(box(), place / "box.step")
     plane = Part.makePlane(1.8, 0.8, FreeCAD.Vector(0.6, 0.6, 0.5))
     write_step(plane, place / "plane.step")
-    options = ("--midstructure", "plane.step", "--order", "1", "--layers", "1")
-    answer = run(place, "box.step", *options)
+    options = ("--midstructure", "plane.step", "--order", "1", "--degree", "2")
+    shell = ("--thickness", "mean 0.3 mm", "--face-factor", "Face6=0.5", "--spacing", "ratio 1.5")
+    answer = run(place, "box.step", *options, *shell)
     assert answer.returncode == 0, answer.stderr
     found = json.loads((place / "box" / "report.json").read_text())
     assert found["midstructure"]["method"] == found["midstructure"]["asked"] == "own"
     assert found["midstructure"]["area"] == pytest.approx(1.44, rel=1e-9)
     assert found["shell"]["valid"] == found["shell"]["elements"] > 0
+    asked = {"kind": "mean", "value": 0.3, "text": "mean 0.3 mm", "factors": {"Face6": 0.5}}
+    assert found["shell"]["asked"] == asked and found["shell"]["spacing"] == "ratio 1.5"
+    first, second = found["shell"]["layer_heights"]
+    assert second / first == pytest.approx(1.5, rel=1e-6)
+    rows = {row["face"]: row for row in found["shell"]["faces"]}
+    assert rows["Face6"]["thickness"]["mean"] < 0.8 * rows["Face5"]["thickness"]["mean"]
+    said = found["shell"]["sentence"]
+    assert (f"box: {said}" in answer.stdout.splitlines()) == bool(said) == (said in found["notes"])
     doc = FreeCAD.openDocument(str(place / "box" / "box.FCStd"), hidden=True)
     try:
         (geometry,) = doc.Midstructure.Geometry
         assert geometry.Shape.Area == pytest.approx(1.44)
         doc.recompute(None, True)
-        assert doc.HybridVolume.Status == doc.Midstructure.Status == "Up to date"
+        volume = doc.HybridVolume
+        assert volume.Status == doc.Midstructure.Status == "Up to date"
+        assert (volume.ThicknessKind, volume.Thickness.Value) == ("Mean", 0.3)
+        assert (volume.Spacing, volume.LayerRatio) == ("Ratio", 1.5)
+        assert volume.FaceFactors == ["Face6 = 0.5"] and volume.Degree == 2
+        assert set(volume.FaceThickness) == {f"Face{k}" for k in range(1, 7)}
         geometry.Placement.Base = FreeCAD.Vector(0.1, 0, 0)
         doc.recompute()
         assert doc.HybridVolume.Status == "Out of date: Midstructure.Geometry changed"
@@ -390,9 +414,20 @@ def test_the_same_from_a_macro(place, python, monkeypatch):
     assert HybridVolume.medial_axis(body, samples=2000).area > 0.1
     news = []
     drawn = place / "drawn"
-    volume = HybridVolume.complete(body, w0=0.3, layers=1, pictures=drawn, progress=news.append)
+    volume = HybridVolume.complete(
+        body,
+        thickness=0.2,
+        face_factors={"Face6": 1.5},
+        layers=2,
+        spacing="first 0.05 mm",
+        degree=2,
+        pictures=drawn,
+        progress=news.append,
+    )
     assert tree(drawn) == sorted(f"box_{picture}.png" for picture in job.PICTURES)
-    assert volume.certificate.all_valid and volume.shell.layer_count == 1
+    assert volume.certificate.all_valid and volume.shell.layer_count == 2
+    assert volume.report["asked"]["text"] == "0.2 mm" and len(volume.report["faces"]) == 6
+    assert volume.report["layer_heights"][0] == pytest.approx(0.05, rel=0.1)
     assert [one.fraction for one in news] == sorted(one.fraction for one in news)
     doc = FreeCAD.newDocument("macro", hidden=True, temp=True)
     try:
@@ -401,7 +436,9 @@ def test_the_same_from_a_macro(place, python, monkeypatch):
         mesh = HybridVolume.to_fem(volume, doc, order=1, body=source)
         assert mesh.FemMesh.VolumeCount == len(volume.fem.wedges) + len(volume.fem.tets)
         made = HybridVolume.to_document(volume, doc, source)
-        assert made.Status == "Up to date" and made.W0 == 0.3 and made.Layers == 1
+        assert made.Status == "Up to date" and made.Layers == 2 and made.Degree == 2
+        assert (made.ThicknessKind, made.Thickness.Value) == ("Even", 0.2)
+        assert made.FaceFactors == ["Face6 = 1.5"] and made.FirstLayer.Value == 0.05
     finally:
         FreeCAD.closeDocument(doc.Name)
     # a shape alone does as well; what the body is refused for arrives here
@@ -438,7 +475,8 @@ def children(pid):
 def started(place, until):
     """A run that has got as far as a line of its progress."""
     write_step(box(), place / "box.step")
-    child = subprocess.Popen(**command(place, "box.step", "-o", "new/out"))
+    options = ("--thickness", "0.2 mm", "--face-factor", "Face3=1.5", "--pictures")
+    child = subprocess.Popen(**command(place, "box.step", "-o", "new/out", *options))
     for line in child.stdout:
         if until in line:
             return child
@@ -460,7 +498,7 @@ def gone(pids, seconds=10.0):
     ("number", "code", "stage"),
     [
         (signal.SIGINT, 130, "midstructure"),
-        (signal.SIGTERM, 143, "midstructure"),
+        (signal.SIGTERM, 143, "shell"),
         (signal.SIGKILL, -9, "field"),
     ],
 )

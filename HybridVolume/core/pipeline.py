@@ -25,7 +25,7 @@ from .levels import Spacing
 from .midstructure import Midstructure, Search, find_midstructure
 from .paper import WHY, check_wishes, paper_field, paper_shell
 from .reached import expected_figures, isosurface_figures, layer_heights, reached_figures
-from .refinement import flatten_spans
+from .refinement import divide_faces, flatten_spans
 from .shell import Shell
 from .surface import PatchSurface
 
@@ -309,7 +309,8 @@ def midstructure_stage(
     report = progress or _silent
     report("surface", 0.02, f"{len(surface.patches)} patches, genus {_words(surface.genus)}")
     check_faces(options.face_factors, surface)
-    body = flatten_spans(surface)
+    varied = [face for face, factor in options.face_factors.items() if factor != 1.0]
+    body = flatten_spans(divide_faces(surface, varied))
     deviation = _deviation(surface, body)
     singular = check_surface(body, lines=options.singular_lines)
     check_uncut(body)

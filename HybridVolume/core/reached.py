@@ -202,12 +202,12 @@ def sentence(
         As in the report.
     """
     depth, level = reached["thickness"], reached["w0"]
-    if thickness.kind in ("mean", "min"):
+    if thickness.kind in ("mean", "min") and thickness.uniform:
         share = depth[thickness.kind] / thickness.value
-    elif thickness.kind == "w0":
-        share = level["mean"] / asked["w0"]
-    else:
+    elif "thickness" in asked:
         share = depth["mean"] / asked["thickness"]
+    else:
+        share = level["mean"] / asked["w0"]
     thin = sorted((f for f in faces if f["share"] < 1.0 - NEAR), key=lambda f: f["share"])
     if abs(share - 1.0) <= NEAR and not (thin and thin[0]["share"] < LACKING):
         return ""

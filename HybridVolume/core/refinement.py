@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -104,6 +104,35 @@ def split_spans(surface: PatchSurface, parts: int = 2) -> PatchSurface:
 
     def wanted(k: int, d: int) -> np.ndarray:
         values = bspline.breakpoints(surface.patches[k].knots[d])
+        return (values[:-1, None] + np.diff(values)[:, None] * share).ravel()
+
+    return insert_knots(surface, wanted)
+
+
+def divide_faces(surface: PatchSurface, faces: Iterable[str], spans: int = 4) -> PatchSurface:
+    """Cut patches of faces, and those beside them, into some knot spans at least.
+
+    A face without inner control points can have no thickness of its own: all columns stand on
+    edges, which its neighbours share.
+
+    Parameters
+    ----------
+    surface : PatchSurface
+    faces : iterable of str
+    spans : int
+        In each direction.
+    """
+    named = set(faces)
+    chosen = np.array([patch.face in named for patch in surface.patches], dtype=bool)
+    beside = surface.neighbour[chosen, :, 0]
+    chosen[beside[beside >= 0]] = True
+
+    def wanted(k: int, d: int) -> np.ndarray:
+        values = bspline.breakpoints(surface.patches[k].knots[d])
+        parts = -(-spans // (len(values) - 1))
+        if not chosen[k] or parts == 1:
+            return np.zeros(0)
+        share = np.arange(1, parts) / parts
         return (values[:-1, None] + np.diff(values)[:, None] * share).ravel()
 
     return insert_knots(surface, wanted)
