@@ -39,6 +39,8 @@ LEAST_BOUND = 0.02
 """Elements whose own surface allows less than this have no shape to be kept."""
 FLAT = 0.2
 """Share of the level that is worth giving up for elements that are not flat."""
+OFTEN = 3
+"""Times that an element was not proved after which it is watched at many more samples."""
 GRIDS = (1, 2)
 """Cells a knot span in the triangulations that are tested for crossings.
 
@@ -115,6 +117,7 @@ class ColumnSpace:
             at = points_of(surface, singular)
             self.rest[at] = correction[at]
         self.base = surface.control_points + correction - self.rest
+        self.failures = np.zeros(surface.element_count, dtype=int)
         self._proved: tuple[np.ndarray, Certificate] | None = None
         self._shapes: tuple[ColumnState, np.ndarray] | None = None
         self.level_counts = True  # or only shapes do, where less fidelity is asked for
@@ -158,6 +161,10 @@ class ColumnSpace:
         if certificate.invalid + certificate.undecided <= 0.02 * self.surface.element_count:
             found = [grid.element[grid.crossing(self.base + d)[1].ravel()] for grid in self.grids]
             crossing = np.unique(np.concatenate(found))
+        # far from valid it is the place of the columns that is wrong, not the samples
+        bad = certificate.element[certificate.status < 1]
+        if len(bad) <= 0.1 * self.surface.element_count:
+            self.failures[bad] += 1
         w, _, _ = self.field.evaluate(self.nodal @ (self.base + d))
         mean = float(self.area @ w)
         rms = float(np.sqrt(self.area @ (w - mean) ** 2))
@@ -235,7 +242,7 @@ class ColumnSpace:
         free, planes, emphasis
             As for :class:`HybridVolume.core.untangle.ColumnEnergy`.
         """
-        return ColumnEnergy(
+        energy = ColumnEnergy(
             self.surface,
             self.base,
             self.field,
@@ -249,6 +256,11 @@ class ColumnSpace:
             planes=planes,
             emphasis=emphasis,
         )
+        # what folded between its samples once will do so again
+        known = self.failures[energy.elements]
+        energy.add_samples(energy.elements[(known > 0) & (known < OFTEN)], 7)
+        energy.add_samples(energy.elements[known >= OFTEN], 11)
+        return energy
 
     def around(self, elements: np.ndarray, rings: int) -> np.ndarray:
         """1 at the control points of some elements, falling to 0 over rings of elements."""

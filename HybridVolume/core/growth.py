@@ -165,7 +165,6 @@ class _Grower(ColumnSpace):
                 planes=planes,
                 emphasis=emphasis,
             )
-            energy.add_samples(np.intersect1d(wanted.unproved, energy.elements), 7)
             wanted = self.check(optimise(energy, self.reach, rounds=2, steps=30))
             if len(wanted.bad) < least:
                 fewest, least = wanted, len(wanted.bad)
@@ -209,7 +208,6 @@ class _Grower(ColumnSpace):
                 planes=planes,
                 emphasis=emphasis,
             )
-            energy.add_samples(np.intersect1d(flat, energy.elements), 6)
             wanted = self.check(optimise(energy, self.reach, rounds=1))
             wanted, planes = self.repaired(state, wanted, goal, pull, planes, emphasis, 2)
             if not wanted.accepted:
@@ -255,7 +253,6 @@ class _Grower(ColumnSpace):
                 straight = self.rest + 0.5 * along[:, None] * self.frame.direction
                 d = d + near[:, None] * (straight - d)
             energy = self.energy(d, goal * (1.0 - 0.4 * near), fidelity, free=near > 0)
-            energy.add_samples(np.intersect1d(bad, energy.elements), 7 if number < 3 else 9)
             state = self.check(optimise(energy, self.reach, rounds=6, steps=40))
         return state
 

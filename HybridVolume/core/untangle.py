@@ -30,6 +30,8 @@ FLOOR = 0.1
 """Share of the target below which the level counts no longer in the logarithm but as it is."""
 STEEP = 3.0
 """What is added to that share where the level rises as usual."""
+FINE = np.linspace(0.0, 1.0, 5)
+"""Such places in elements that are watched more closely; rational ones are not quadratic."""
 BARRIER = 1e-9
 """Regularisation at which an inverted sample costs so much that no step takes it."""
 
@@ -123,7 +125,7 @@ class ColumnEnergy:
         """Watch some elements at a finer Chebyshev grid as well."""
         if len(elements):
             line = 0.5 - 0.5 * np.cos(np.pi * np.arange(count) / (count - 1))
-            self._watch(elements, line, line)
+            self._watch(elements, line, FINE)
 
     def start(self) -> np.ndarray:
         """The free displacements as the flat vector that the other methods take."""
