@@ -47,6 +47,8 @@ from ..errors import (
     ThicknessError,
 )
 from . import bspline
+from .column_state import GRIDS
+from .contacts import TestGrid
 from .front import column_frame
 from .harmonic import HarmonicField, solve_on
 from .harmonic_domain import domain_within
@@ -57,8 +59,6 @@ from .surface import PatchSurface
 from .traced import control_net, equal_volume_levels, swept_shell, trace_paths
 from .validity import Certificate, certify, scaled_jacobian
 
-GRIDS = (1, 2)
-"""Cells a knot span in the triangulations that are tested for crossings."""
 UNEVEN = 0.05
 """Difference of the layers' volumes, as a share, that is told."""
 MOST_PLACES = 200
@@ -280,21 +280,15 @@ def _traced_shell(
 
 
 def _crossings(shell: Shell) -> tuple[int, np.ndarray]:
-    """Pairs of triangles of the inner surface that cross, and their patches.
+    """Pairs of triangles of the inner surface that cross, and their patches; as in `.growth`.
 
     Grids on which the outer surface's own coarse triangles cross tell nothing.
     """
-    inner = shell.inner_surface()
-    found, patches = 0, np.zeros(0, dtype=int)
-    for cells in GRIDS:
-        outer = shell.surface.triangulation(cells)
-        if cells != GRIDS[-1] and len(self_intersections(outer.vertices, outer.triangles)):
-            continue
-        mesh = inner.triangulation(cells)
-        pairs = self_intersections(mesh.vertices, mesh.triangles)
-        found = max(found, len(pairs))
-        patches = np.union1d(patches, mesh.triangle_patch[pairs.ravel()])
-    return found, patches
+    grids = [TestGrid(shell.surface, cells) for cells in GRIDS]
+    grids = [grid for grid in grids if grid.outer_embedded] or grids[-1:]
+    found = [(grid, grid.crossing(shell.layers[-1])[1]) for grid in grids]
+    elements = np.concatenate([grid.element[pairs.ravel()] for grid, pairs in found])
+    return max(len(pairs) for _, pairs in found), np.unique(shell.surface.element_patch[elements])
 
 
 def _refuse(shell: Shell, certificate: Certificate, lost: np.ndarray) -> None:
