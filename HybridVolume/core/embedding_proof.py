@@ -111,17 +111,20 @@ def prove_embedded(surface: PatchSurface, depth: int = 6) -> EmbeddingProof:
     found = _neighbours(nets, corners, sides, owner)
     if found is None:
         return EmbeddingProof(False, np.unique(owner), len(nets), 1)
-    edges, tips, near = found
+    edges, tips, known = found
     gap = GAP * surface.diagonal
-    work = [_Pairs(nets, owner), edges, tips, _far_pairs(nets, owner, near)]
-    pieces = 0
+    work = [_Pairs(nets, owner), edges, tips, _far_pairs(nets, owner, known)]
+    pieces, near = 0, []
     for level in range(depth + 1):
         pieces += sum(map(len, work))
         for k, test in enumerate(_TESTS):
             work[k] = work[k].only(_open_rows(test, work[k], gap))
         still = np.unique(np.concatenate([pairs.spans() for pairs in work]))
         logger.debug("embedding, level %d: %s open", level, [len(pairs) for pairs in work])
-        if not len(still) or level == depth:
+        near.append(sum(map(len, work[:3])))
+        # at singular places and edges without an angle halving never helps
+        stuck = level >= 2 and 0 < near[-3] <= min(near[-2:])
+        if not len(still) or level == depth or stuck:
             break
         work = _halve_all(*work)
         if len(work[3]) > MOST_PAIRS:
