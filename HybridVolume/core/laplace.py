@@ -121,7 +121,14 @@ def _solve(matrix: sparse.csr_matrix, right: np.ndarray, start: np.ndarray | Non
         diagonal = matrix.diagonal()
         step = LinearOperator(matrix.shape, matvec=lambda x: x / diagonal)
     else:
-        step = pyamg.smoothed_aggregation_solver(matrix).aspreconditioner()
+        # it starts a power iteration with numpy's shared random numbers: the same ones every time,
+        # so that the same body gives the same shell, and nobody else's are used up
+        state = np.random.get_state()  # noqa: NPY002
+        np.random.seed(0)  # noqa: NPY002
+        try:
+            step = pyamg.smoothed_aggregation_solver(matrix).aspreconditioner()
+        finally:
+            np.random.set_state(state)  # noqa: NPY002
     scale = float(np.linalg.norm(right))
     # the relative tolerance is called tol up to scipy 1.11 and rtol later
     relative = "rtol" if "rtol" in inspect.signature(cg).parameters else "tol"
