@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 import pytest
@@ -12,6 +13,13 @@ import pytest
 from HybridVolume.core.assembly import build_surface
 from HybridVolume.core.check import check_surface
 from HybridVolume.core.intersection import self_intersections
+from HybridVolume.core.isosurface import (
+    genus_from_euler,
+    isosurface_euler,
+    largest_level,
+    steady_level,
+)
+from HybridVolume.core.tetmesh import TetMesh
 from HybridVolume.errors import SingularSurfaceError
 from HybridVolume.reproduce.random_bodies import BODIES, SEEDS, build, random_body
 from HybridVolume.reproduce.voxels import (
@@ -109,3 +117,48 @@ def test_a_common_factor_of_all_weights_changes_no_bit() -> None:
     for one, other in zip(plain.patches, scaled.patches, strict=True):
         assert np.array_equal(one.weights, other.weights)
     assert np.array_equal(plain.control_points, scaled.control_points)
+
+
+def test_levels_at_which_a_neck_and_a_hole_cancel_are_not_right() -> None:
+    """A ring that is thin at one place, with a blind hole: genus 1, 0 and 1 again as w rises."""
+    mesh = _block((40, 40, 12))
+    x = mesh.vertices
+    ring = 1.0 - np.hypot(np.hypot(x[:, 0], x[:, 1]) - 1.0, x[:, 2]) / 0.5
+    ring -= 0.6 * np.clip(1.0 - np.hypot(x[:, 0] - 1.0, x[:, 1]) / 0.6, 0.0, 1.0)
+    away = np.hypot(x[:, 0] + 1.0, x[:, 1])
+    disc = np.minimum(1.5 - away / 0.4, 1.0 - np.abs(x[:, 2]) / 0.5)
+    values = np.maximum(np.minimum(np.maximum(ring, disc), 0.6 + 2.0 * away), 0.0)
+    values[mesh.on_boundary] = 0.0
+    assert [genus_from_euler(isosurface_euler(mesh, values, c)) for c in (0.2, 0.5, 0.8)] == [
+        (1,),
+        (0,),
+        (1,),
+    ]
+    assert largest_level(mesh, values, (1,), 0.8) == 0.8
+    assert 0.3 < steady_level(mesh, values, (1,), 0.8, 0.1) < 0.5
+    assert steady_level(mesh, values, (1,), 0.3, 0.1) == 0.3
+    # what comes and goes within .4 is left alone if that is asked for
+    assert steady_level(mesh, values, (1,), 0.8, 0.4) == 0.8
+
+
+def _block(cells: tuple[int, int, int]) -> TetMesh:
+    """A block of 3 x 3 x 1.2, each cell cut into six tetrahedra."""
+    lines = [
+        np.linspace(-half, half, n + 1) for half, n in zip((1.5, 1.5, 0.6), cells, strict=True)
+    ]
+    x = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)
+    number = np.arange(x[..., 0].size).reshape(x.shape[:3])
+    tets = []
+    for order in permutations(range(3)):
+        corner = np.zeros(3, dtype=int)
+        path = [corner.copy()]
+        for axis in order:
+            corner[axis] = 1
+            path.append(corner.copy())
+        part = [
+            number[tuple(slice(a, a + n) for a, n in zip(step, cells, strict=True))].ravel()
+            for step in path
+        ]
+        odd = order in ((0, 2, 1), (1, 0, 2), (2, 1, 0))
+        tets.append(np.stack(part, axis=1)[:, [0, 2, 1, 3] if odd else slice(None)])
+    return TetMesh(x.reshape(-1, 3), np.concatenate(tets))

@@ -25,6 +25,9 @@ log = logging.getLogger(__name__)
 # The highest level up to which all isosurfaces have to look like the body.
 TARGET = 0.9
 ROUNDS = 8
+# Wrong topology over a smaller range of levels is left alone: small tetrahedra at the boundary
+# make such pairs of critical vertices, and there is no midstructure to be mended beside a face.
+PERSISTENCE = 0.1
 
 
 def mend(
@@ -57,7 +60,7 @@ def mend(
         w = laplace.solve(fixed, w)
     best = None
     for _ in range(ROUNDS):
-        level = steady_level(mesh, w, genus_per_shell, TARGET)
+        level = steady_level(mesh, w, genus_per_shell, TARGET, PERSISTENCE)
         if best is None or level > best[0]:
             best = (level, w, fixed)
         if level >= TARGET:

@@ -208,21 +208,33 @@ def largest_level(
 
 
 def steady_level(
-    mesh: TetMesh, values: np.ndarray, genus_per_shell: Sequence[int], asked: float
+    mesh: TetMesh,
+    values: np.ndarray,
+    genus_per_shell: Sequence[int],
+    asked: float,
+    persistence: float,
 ) -> float:
-    """The level up to which all isosurfaces have these genera together, at most ``asked``.
+    """The level up to which isosurfaces have these genera together, at most ``asked``.
 
-    A level at which a lost handle and one too many cancel does not count as right.
+    A level at which a lost handle and one too many cancel does not count as right. What comes and
+    goes within a small range of levels is no matter of the midstructure and counts as right, if
+    the range ends below ``asked``.
 
     Parameters
     ----------
     mesh, values, genus_per_shell, asked
         As for :func:`largest_level`.
+    persistence : float
+        That range.
     """
     steps = _steps(mesh, values, asked)
     total = total_euler(mesh, values, 0.5 * (steps[:-1] + steps[1:]))
-    wrong = np.flatnonzero(total != 2 * len(genus_per_shell) - 2 * sum(genus_per_shell))
-    return float(steps[wrong[0]] if len(wrong) else asked)
+    wrong = total != 2 * len(genus_per_shell) - 2 * sum(genus_per_shell)
+    edge = np.diff(np.concatenate([[False], wrong, [False]]).astype(int))
+    for first, last in zip(np.flatnonzero(edge > 0), np.flatnonzero(edge < 0), strict=True):
+        if steps[last] - steps[first] > persistence or last == len(wrong):
+            return float(steps[first])
+    return float(asked)
 
 
 def _steps(mesh: TetMesh, values: np.ndarray, asked: float) -> np.ndarray:
