@@ -70,7 +70,14 @@ def case(body, asked, reached=None, **more):
 def found(*cases, **more):
     parts = dict.fromkeys(("shape_first", "layers", "paper", "rivals", "free", "pictures"), [])
     machine = {"processor": "any", "cores": 2, "system": "any", "python": "3"}
-    everything = {"cases": list(cases), "machine": machine, "missing": ["pole"], **parts, **more}
+    everything = {
+        "cases": list(cases),
+        "machine": machine,
+        "missing": ["pole"],
+        "not_done": [],
+        **parts,
+        **more,
+    }
     return {**everything, "demands": demands(everything)}
 
 
@@ -114,6 +121,16 @@ def test_a_refusal_counts_only_with_its_places():
     )
     other = {**named, "error": {**named["error"], "code": "fault"}}
     assert met(found(other)["demands"], "g_shape", "refused") is False
+
+
+def test_nothing_is_demanded_of_what_the_reader_refuses():
+    error = SingularSurfaceError("no").to_dict()
+    lost = case("moebius_torus", 0.5, w0=None, elements=0, valid=0, error=error)
+    assert [row["met"] for row in found(lost)["demands"]] == [False] * 3
+    del lost["patches"]
+    (row,) = found(lost)["demands"]
+    assert row["met"] is None and "singular-surface" in row["figure"]
+    assert "0 of 0 demands are met" in as_markdown(found(lost))
 
 
 def test_one_random_body_may_stay_without_a_shell():

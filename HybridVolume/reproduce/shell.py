@@ -176,14 +176,16 @@ def run(options: argparse.Namespace) -> int:
     for name in THREADS:
         os.environ.setdefault(name, "1")
     runner = Runner(folder, options.time_limit, options.again)
+    open_cases: list[str] = []
     if options.gather:
-        missing += runner.without_open(bodies)
+        open_cases = runner.without_open(bodies)
     else:
         runner.run(bodies)
     found = {
         "version": VERSION,
         "machine": machine(),
         "missing": missing,
+        "not_done": open_cases,
         **runner.collected(bodies),
     }
     found["demands"] = demands(found)

@@ -39,6 +39,8 @@ class Demand:
         Smallest scaled Jacobian at .5 where shape goes before the level; 0: not asked.
     refused : bool
         Whether the body has to be refused by name, with the places.
+    if_read : bool
+        Whether nothing is demanded where the reader refuses the body by name.
     """
 
     group: str
@@ -48,6 +50,7 @@ class Demand:
     share: float = 0.0
     shapely: float = 0.0
     refused: bool = False
+    if_read: bool = False
 
 
 SHARP, ROUND, SPLINES, PARTS, FOLDED = (
@@ -74,7 +77,7 @@ DEMANDS: dict[str, Demand] = {
     "twisted_fichera": Demand(SPLINES, 0.1, least=0.15),
     "chair_stand": Demand(SPLINES, 0.1, least=0.30),
     "twisted_pipe": Demand(SPLINES, 0.1, share=0.5),
-    "moebius_torus": Demand(SPLINES, 0.1, share=0.5),
+    "moebius_torus": Demand(SPLINES, 0.1, share=0.5, if_read=True),
     "terrific_part_02": Demand(PARTS, 0.2, thinner=True, share=0.6),
     "fandisk": Demand(PARTS, 0.2, thinner=True, share=0.6),
     "g_shape": Demand(FOLDED, 0.0, refused=True),

@@ -36,6 +36,18 @@ def demands(found: Mapping[str, Any]) -> list[Row]:
         if demand.refused:
             rows.append(_refused(name, cases))
             continue
+        unread = [case for case in cases if case.get("error") and "patches" not in case]
+        if demand.if_read and unread:
+            reason = unread[0]["error"]
+            rows.append(
+                {
+                    "body": name,
+                    "demand": "as the others, where the reader takes it",
+                    "figure": f"refused by the reader ({reason['code']})",
+                    "met": None,
+                }
+            )
+            continue
         rows += [_proved(name, cases), _near(name, cases, demand), *_shape(name, cases, demand)]
         rows += [_large(name, cases)]
         shape = [case for case in found.get("shape_first", ()) if case["body"] == name]
@@ -101,7 +113,7 @@ def _shape(name: str, cases: Sequence[Mapping[str, Any]], demand: Demand) -> lis
             "body": name,
             "demand": f"scaled Jacobian at .5 at least {words}",
             "figure": "no shell" if found is None else f"{found:.3f}",
-            "met": found is not None and found >= least,
+            "met": found is not None and sound(case) and found >= least,
         }
     ]
 

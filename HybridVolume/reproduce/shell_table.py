@@ -78,19 +78,23 @@ def _machine(found: Mapping[str, Any]) -> str:
     if found["missing"]:
         lines.append("")
         lines.append(
-            "Not measured (files that were not there, which `--data` names, or not done): "
+            "Not measured, since their files were not there (`--data` names a folder): "
             f"{', '.join(found['missing'])}."
         )
+    if found["not_done"]:
+        lines.append("")
+        lines.append(f"{len(found['not_done'])} further cases had not been done yet.")
     return "\n".join(lines) + "\n"
 
 
 def _demands(rows: Sequence[Mapping[str, Any]]) -> str:
     if not rows:
         return ""
-    words = {True: "met", False: "**not met**", None: "not measured"}
-    unmet = sum(row["met"] is False for row in rows)
+    words = {True: "met", False: "**not met**", None: "not asked"}
+    asked = [row for row in rows if row["met"] is not None]
+    met = sum(row["met"] for row in asked)
     return (
-        f"{len(rows) - unmet} of {len(rows)} demands are met; the words in the last column come "
+        f"{met} of {len(asked)} demands are met; the words in the last column come "
         "from the figures.\n\n"
         + table(
             ("body", "demand", "figure", ""),
