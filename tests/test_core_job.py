@@ -95,6 +95,7 @@ import json
 task = json.load(open(os.path.join(FOLDER, "job.json")))
 answer = {"thickness": {"goal": task["goal"], "own": os.path.exists(FOLDER + "/own.npz")}}
 json.dump(answer, open(os.path.join(FOLDER, "report.json"), "w"))
+open(os.path.join(FOLDER, "field.npz"), "w").close()
 print('{"done": true}', flush=True)
 """
 
@@ -103,6 +104,13 @@ def test_a_goal_on_the_way(worker, tmp_path):
     own = (np.eye(3), np.array([[0, 1, 2]]))
     with make_job(worker(THICKNESS), tmp_path, goal="thickness", own=own) as job:
         assert job.run() == {"goal": "thickness", "own": True}
+        assert job.field_file.name == "field.npz"
+    without = THICKNESS.replace("field.npz", "other.npz")
+    with (
+        make_job(worker(without), tmp_path, goal="thickness") as job,
+        pytest.raises(WorkerError, match=r"did not write field\.npz"),
+    ):
+        job.run()
     with (
         make_job(worker(THICKNESS), tmp_path, goal="midstructure") as job,
         pytest.raises(WorkerError, match="did not write result.npz"),
