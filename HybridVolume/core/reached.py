@@ -219,7 +219,7 @@ def sentence(
     else:
         words += f"{figures['mean']:.3g}{unit} in the mean"
         words += f" ({figures['min']:.3g} to {figures['max']:.3g})"
-    if thickness.kind in ("mean", "min") and share < level["mean"] / asked["w0"] - NEAR:
+    if thickness.kind in ("mean", "min") and share < 1.0 and asked["w0"] > (1.0 - NEAR) * DEEPEST:
         words += "; the body is too thin for more"
     elif thin:
         words += f"; thinner than asked at {_listed(thin)}"
