@@ -194,7 +194,10 @@ def element_samples(
         counts[group.element] = group.index[0].size if len(group.element) else 0
     row_start = np.concatenate([[0], np.cumsum(np.repeat(counts, count))])
     size = row_start[-1]
-    columns = np.zeros(size, dtype=np.int64)
+    # one kind of index that all matrices share
+    kind = np.int32 if max(size, n) < 2**31 else np.int64
+    row_start = row_start.astype(kind)
+    columns = np.zeros(size, dtype=kind)
     data = {name: np.zeros(size) for name in ("n", "u", "v")}
     factor = np.zeros(size)
     for group in groups:
@@ -226,7 +229,9 @@ def element_samples(
         return sparse.csr_matrix((values, columns, row_start), shape=(ne * count, n))
 
     plain = {name: matrix(values) for name, values in data.items()}
-    weighted = {name: matrix(values * factor) for name, values in data.items()}
+    weighted = plain
+    if (factor != 1.0).any():
+        weighted = {name: matrix(values * factor) for name, values in data.items()}
     ones = np.ones(n)
     return ElementSamples(
         count,
