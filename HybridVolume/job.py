@@ -149,7 +149,7 @@ class Job:
         What is known about the input (its file), for the report.
     goal : {"volume", "midstructure", "thickness"}
         What :meth:`result` gives: a ``HybridVolume``, a ``Midstructure``, or the dict of
-        :func:`HybridVolume.core.thickness.shell_thickness`.
+        :func:`HybridVolume.core.reached.expected_figures`.
     own : (vertices (m, 3), facets (f, 3)), optional
         Geometry for the midstructure ``own``, mm.
     exports : sequence of {"vtu", "inp", "png", "pictures"}
