@@ -161,10 +161,6 @@ class ColumnSpace:
         if certificate.invalid + certificate.undecided <= 0.02 * self.surface.element_count:
             found = [grid.element[grid.crossing(self.base + d)[1].ravel()] for grid in self.grids]
             crossing = np.unique(np.concatenate(found))
-        # far from valid it is the place of the columns that is wrong, not the samples
-        bad = certificate.element[certificate.status < 1]
-        if len(bad) <= 0.1 * self.surface.element_count:
-            self.failures[bad] += 1
         w, _, _ = self.field.evaluate(self.nodal @ (self.base + d))
         mean = float(self.area @ w)
         rms = float(np.sqrt(self.area @ (w - mean) ** 2))

@@ -40,7 +40,7 @@ UNTANGLINGS = 9
 """Most local repairs of a start for which there is no sound one to fall back to."""
 PATIENCE = 3
 """Such repairs in a row without fewer bad elements after which to give up."""
-POLISHES = 4
+POLISHES = 6
 """Most rounds in which the worst shapes are improved."""
 GENTLE = 30.0
 """Greatest weight of the isosurface term in these rounds."""
@@ -153,6 +153,7 @@ class _Grower(ColumnSpace):
             bad = wanted.bad
             if not len(bad) or len(bad) > 0.3 * self.surface.element_count:
                 break
+            self.failures[wanted.unproved] += 1
             if len(wanted.crossing):
                 fresh = self.planes(sound.d, wanted.d)
                 planes = fresh if planes is None else planes.joined(fresh)
@@ -193,7 +194,7 @@ class _Grower(ColumnSpace):
         """Give the flattest elements more weight, round after round, and optimise around them."""
         emphasis = np.ones(self.surface.element_count)
         pull = min(fidelity, GENTLE)
-        state, least = best, self.fault(best, goal)
+        state, least, misses = best, self.fault(best, goal), 0
         for number in range(POLISHES):
             shapes = self.shapes(state)
             flat = np.flatnonzero(shapes < self.shapely)
@@ -213,10 +214,13 @@ class _Grower(ColumnSpace):
             if not wanted.accepted:
                 break
             state = wanted
-            self.report(0.8 + 0.04 * number, f"{len(flat)} flat elements, w = {state.mean:.3g}")
+            self.report(0.8 + 0.03 * number, f"{len(flat)} flat elements, w = {state.mean:.3g}")
             fault = self.fault(state, goal)
+            misses = 0 if fault < least else misses + 1
             if fault < least:
                 best, least = state, fault
+            if misses > 1:
+                break
         return best
 
     # ------------------------------------------------------------------------------------ starts
