@@ -43,13 +43,12 @@ def test_a_sharp_wedge_reaches_its_level_in_good_shape(wedge):
     assert shape(shell) > 0.5 * scaled_jacobian_bound(surface).min()
 
 
-def test_round_bodies_keep_upright_columns():
-    for body in (bodies.sphere(), bodies.torus()):
-        surface, field = prepared(body)
-        shell, certificate = grow_shell(surface, field, 0.5)
-        assert certificate.all_valid
-        assert shell.w0 == pytest.approx(0.5, rel=0.03)
-        assert shape(shell) > 0.78
+def test_a_rational_body_keeps_upright_columns():
+    surface, field = prepared(bodies.torus())
+    shell, certificate = grow_shell(surface, field, 0.5)
+    assert certificate.all_valid
+    assert shell.w0 == pytest.approx(0.5, rel=0.03)
+    assert shape(shell) > 0.78
 
 
 def test_less_fidelity_gives_better_shapes_and_a_thinner_shell():
