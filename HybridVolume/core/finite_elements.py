@@ -22,11 +22,11 @@ from .curving import untangle
 from .element_jacobians import prove_positive, relative_bound, scaled_jacobian, volumes
 from .elements import EDGES, FACES, quadrature, shape_functions, shape_gradients
 from .interior import Interface, Interior, build_interface, fill_interior
+from .mid_nodes import centre_mids
 from .shell import Shell
 
 logger = logging.getLogger(__name__)
 
-_OFF_CENTRE = 0.05
 _ROUNDS = 6
 _KEPT_QUALITY = 0.5
 """Share of its straight scaled Jacobian that a curved tet should have."""
@@ -451,62 +451,6 @@ class _Builder:
             figure=float(len(bad_wedges) + len(bad_tets)),
             remedy="subdivide the interface or choose a smaller w0",
         )
-
-
-def centre_mids(shell: Shell, interface: Interface, mids: np.ndarray) -> None:
-    """Move outer mid nodes of singular faces that stand far from the middle of their edge.
-
-    They stay on the CAD face, and on its sides. Where the surface's derivative vanishes at an end
-    the middle in parameters is a quarter of the way, and a quadratic element that has its mid node
-    there is singular.
-
-    Parameters
-    ----------
-    shell : Shell
-    interface : Interface
-    mids : (e, 3) array
-        Changed in place, mm.
-    """
-    flags = shell.surface.singular_flags.any(axis=(1, 2))
-    if not flags.any():
-        return
-    _, first = np.unique(interface.triangle_edges, return_index=True)
-    row, side = np.divmod(first, 3)
-    patch = interface.triangle_patch[row]
-    uv = np.stack(
-        [interface.triangle_uv[row, side], interface.triangle_uv[row, (side + 1) % 3]], axis=1
-    )
-    outer = np.zeros(1)
-    start, end = (evaluate_columns(shell, patch, uv[:, k], outer)[0] for k in (0, 1))
-    middle, chord = 0.5 * (start + end), end - start
-    length = np.linalg.norm(chord, axis=1)
-    way = mids - middle
-    off = np.abs(np.einsum("ei,ei->e", way, chord)) / np.maximum(length, 1e-300) ** 2
-    # sides run along u or v; on a diagonal what is off in either direction counts, by the sides
-    diagonal = (uv[:, 0] != uv[:, 1]).all(axis=1)
-    tip = evaluate_columns(shell, interface.vertex_patch, interface.vertex_uv, outer)[0]
-    tip = tip[interface.triangles[row, (side + 2) % 3]]
-    frame = np.stack([tip - start, tip - end], axis=2)
-    shares = np.linalg.pinv(frame[diagonal]) @ way[diagonal][..., None]
-    off[diagonal] = np.abs(shares).max(axis=(1, 2))
-    singular = np.unique(shell.surface.element_patch[flags])
-    chosen = np.flatnonzero((off > _OFF_CENTRE) & np.isin(patch, singular))
-    if not len(chosen):
-        return
-    # the place of the edge's rectangle that is nearest to the middle, by ever smaller grids
-    steps = np.linspace(-0.5, 0.5, 17)
-    grid = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
-    low, high = uv[chosen].min(axis=1), uv[chosen].max(axis=1)
-    place, width = 0.5 * (low + high), high - low
-    for _ in range(8):
-        tries = np.clip(place[:, None] + grid * width[:, None], low[:, None], high[:, None])
-        points = evaluate_columns(
-            shell, np.repeat(patch[chosen], len(grid)), tries.reshape(-1, 2), outer
-        )[0].reshape(len(chosen), -1, 3)
-        best = np.linalg.norm(points - middle[chosen][:, None], axis=2).argmin(axis=1)
-        rows = np.arange(len(chosen))
-        place, width = tries[rows, best], 0.25 * width
-    mids[chosen] = points[rows, best]
 
 
 def _check(mesh: FiniteElementMesh) -> None:

@@ -231,5 +231,36 @@ def class_indices(count: int) -> np.ndarray:
     return classes
 
 
+def without_excused(
+    coefficients: np.ndarray, bound: np.ndarray, excused: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients with zeros at excused places, and the most that this changed a polynomial.
+
+    With coefficients of at least c elsewhere the true polynomial is at least c (1 - B) - slack B,
+    where B <= 1 is the sum of the excused Bernstein polynomials: it is positive but where B is
+    above c / (c + slack), which only happens next to these places.
+    """
+    mask = excused_mask(coefficients.shape, excused)
+    face = coefficients[:, :, 0]
+    slack = np.where(mask, np.abs(face), 0.0).max(axis=(0, 1)) + bound
+    coefficients = coefficients.copy()
+    coefficients[:, :, 0] = np.where(mask, 0.0, face)
+    return coefficients, slack
+
+
+def excused_mask(shape: tuple[int, ...], flags: np.ndarray) -> np.ndarray:
+    """Which of (n1, n2, ...) coefficients of boxes stand at flagged places, (n1, n2, nb)."""
+    return flags[class_indices(shape[0])][:, class_indices(shape[1])]
+
+
+def watched_coefficients(coefficients: np.ndarray, flags: np.ndarray | None) -> np.ndarray:
+    """Coefficients with those at excused places out of the way."""
+    if flags is None or not flags.any():
+        return coefficients
+    watched = coefficients.copy()
+    watched[:, :, 0][excused_mask(coefficients.shape, flags)] = np.inf
+    return watched
+
+
 HALF_CLASSES = np.array([[0, 1, 1], [1, 1, 2]])
 """What the first, inner and last indices of the lower and the upper half are in the whole."""

@@ -29,7 +29,7 @@ from .jacobian import (
     sampling_error,
     subdivide,
 )
-from .singular import HALF_CLASSES, class_indices
+from .singular import HALF_CLASSES, class_indices, watched_coefficients, without_excused
 
 log = logging.getLogger(__name__)
 
@@ -296,15 +296,15 @@ def decide(
     invalid, lost = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
     nearest = np.full(count, np.inf)  # least coefficient of the boxes at excused places
     if excused is not None:
-        coefficients, slack = _without(coefficients, bound, excused)
-    root = _watched(coefficients, excused).min(axis=(0, 1, 2)) - bound
+        coefficients, slack = without_excused(coefficients, bound, excused)
+    root = watched_coefficients(coefficients, excused).min(axis=(0, 1, 2)) - bound
     lower = np.full(count, np.inf)
     deepest = 0
     stack = [(0, coefficients, bound, np.arange(count), excused)]
     while stack:
         level, coefficients, bound, owner, flags = stack.pop()
         deepest = max(deepest, level)
-        watched = _watched(coefficients, flags)
+        watched = watched_coefficients(coefficients, flags)
         least = watched.min(axis=(0, 1, 2)) - bound
         corner = _corners(watched).min(axis=(0, 1, 2))
         if flags is not None:
@@ -356,36 +356,6 @@ def decide(
         status[proved], lower[proved] = UNDECIDED, -slack[proved]
         status[inside], lower[inside] = VALID_INSIDE, 0.0
     return status, lower, deepest
-
-
-def _without(
-    coefficients: np.ndarray, bound: np.ndarray, excused: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients with zeros at excused places, and the most that this changed a polynomial.
-
-    With coefficients of at least c elsewhere the true polynomial is at least c (1 - B) - slack B,
-    where B <= 1 is the sum of the excused Bernstein polynomials: it is positive but where B is
-    above c / (c + slack), which only happens next to these places.
-    """
-    mask = _mask(coefficients.shape, excused)
-    face = coefficients[:, :, 0]
-    slack = np.where(mask, np.abs(face), 0.0).max(axis=(0, 1)) + bound
-    coefficients = coefficients.copy()
-    coefficients[:, :, 0] = np.where(mask, 0.0, face)
-    return coefficients, slack
-
-
-def _mask(shape: tuple[int, ...], flags: np.ndarray) -> np.ndarray:
-    return flags[class_indices(shape[0])][:, class_indices(shape[1])]
-
-
-def _watched(coefficients: np.ndarray, flags: np.ndarray | None) -> np.ndarray:
-    """Coefficients with those at excused places out of the way."""
-    if flags is None or not flags.any():
-        return coefficients
-    watched = coefficients.copy()
-    watched[:, :, 0][_mask(coefficients.shape, flags)] = np.inf
-    return watched
 
 
 def _corners(coefficients: np.ndarray) -> np.ndarray:
