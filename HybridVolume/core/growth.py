@@ -40,10 +40,16 @@ UNTANGLINGS = 9
 """Most local repairs of a start for which there is no sound one to fall back to."""
 PATIENCE = 3
 """Such repairs in a row without fewer bad elements after which to give up."""
-POLISHES = 6
+POLISHES = 10
 """Most rounds in which the worst shapes are improved."""
 GENTLE = 30.0
-"""Greatest weight of the isosurface term in these rounds."""
+"""Weight of the isosurface term in the first of these rounds, at most."""
+YIELD = 0.2
+"""Factor of this weight after a round that brought nothing: a thinner shell may be less flat."""
+WORTHWHILE = 0.97
+"""Share of its fault that a state may keep if a round is to count as a gain."""
+LOOSEST = 1.0
+"""Smallest weight of the isosurface term in these rounds."""
 MERGES = (2, 4, 7, 12)
 """Rings of elements around what is wrong that stay as they were, one after the other."""
 AHEAD = (0.25, 0.5, 1.0)
@@ -194,7 +200,7 @@ class _Grower(ColumnSpace):
         """Give the flattest elements more weight, round after round, and optimise around them."""
         emphasis = np.ones(self.surface.element_count)
         pull = min(fidelity, GENTLE)
-        state, least, misses = best, self.fault(best, goal), 0
+        state, least = best, self.fault(best, goal)
         for number in range(POLISHES):
             shapes = self.shapes(state)
             flat = np.flatnonzero(shapes < self.shapely)
@@ -216,10 +222,11 @@ class _Grower(ColumnSpace):
             state = wanted
             self.report(0.8 + 0.03 * number, f"{len(flat)} flat elements, w = {state.mean:.3g}")
             fault = self.fault(state, goal)
-            misses = 0 if fault < least else misses + 1
+            if fault > least * WORTHWHILE:
+                pull *= YIELD
             if fault < least:
                 best, least = state, fault
-            if misses > 1:
+            if pull < LOOSEST:
                 break
         return best
 
