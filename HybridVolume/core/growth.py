@@ -36,6 +36,8 @@ THIN_STARTS = (0.5, 0.35, 0.25, 0.15, 0.1, 0.05, 0.025, 0.01)
 """Thicknesses of the thin start, as shares of the shortest net edge nearby."""
 REPAIRS = 4
 """Most local repairs in a row."""
+MANY = 0.1
+"""Share of folded elements from which on all columns are untangled together."""
 UNTANGLINGS = 9
 """Most local repairs of a start for which there is no sound one to fall back to."""
 PATIENCE = 3
@@ -238,14 +240,21 @@ class _Grower(ColumnSpace):
         self.report(0.3, f"front at w0 = {float(self.area @ goal):.3g}")
         if not start.accepted:
             thin, _ = self.thin_start()
-            start = self.blended(thin, start) if thin else self.untangled(start, goal)
+            starts = [self.blended(thin, start)] if thin else []
+            # where much of the front is folded, little is left of it on the way back
+            if not starts or len(start.bad) > MANY * self.surface.element_count:
+                starts.append(self.untangled(start, goal))
+            sound = [state for state in starts if state.accepted]
+            if not sound:
+                return None
+            start = min(sound, key=lambda state: self.fault(state, goal))
             self.report(0.4, f"start, w = {start.mean:.3g}")
-        return self.stages(start, goal) if start.accepted else None
+        return self.stages(start, goal)
 
     def untangled(self, state: ColumnState, goal: np.ndarray) -> ColumnState:
         """Repair columns where no sound ones are known: locally, ever wider, and thinner."""
         fidelity = 0.1 * FIDELITIES[0]
-        if len(state.bad) > 0.1 * self.surface.element_count:
+        if len(state.bad) > MANY * self.surface.element_count:
             energy = self.energy(state.d, goal, fidelity)
             state = self.check(optimise(energy, self.reach))
         fewest, since = len(state.bad), 0
