@@ -20,6 +20,7 @@ from HybridVolume.sources import global_shape
 from . import messages, preferences
 from .clip import ClipControls
 from .dock import WideDock
+from .forms import load_form
 from .macro import Macro
 from .picking import (
     BoxSelection,
@@ -59,8 +60,7 @@ class MidstructurePanel:
     """
 
     def __init__(self, volume: Any, mark: UndoMark, *, goes_on: bool = False) -> None:
-        path = preferences.RESOURCES / "ui" / "midstructure_panel.ui"
-        self.form = FreeCADGui.PySideUic.loadUi(str(path))
+        self.form = load_form("midstructure_panel")
         icon = preferences.RESOURCES / "icons" / "HybridVolume_Midstructure.svg"
         self.form.setWindowIcon(QtGui.QIcon(str(icon)))
         self._volume = volume

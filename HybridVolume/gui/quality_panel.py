@@ -20,6 +20,7 @@ from . import colour_scale, preferences
 from .clip import ClipControls, plane_across
 from .dock import WideDock
 from .figure_table import FigureTable
+from .forms import load_form
 from .histogram import Histogram
 from .picking import Clicks
 from .result_view import COLOURINGS, Result, ResultScene
@@ -87,8 +88,7 @@ class QualityPanel:
 
     def __init__(self, volume: Any, *, inner: bool = False) -> None:
         self._result = Result(stored_volume(volume))
-        path = preferences.RESOURCES / "ui" / "quality_panel.ui"
-        self.form = FreeCADGui.PySideUic.loadUi(str(path))
+        self.form = load_form("quality_panel")
         icon = preferences.RESOURCES / "icons" / "HybridVolume_Quality.svg"
         self.form.setWindowIcon(QtGui.QIcon(str(icon)))
         self._volume = volume

@@ -24,6 +24,7 @@ from HybridVolume.sources import global_shape
 from . import messages, preferences, red_places
 from .dock import WideDock
 from .face_factors import FaceFactors, face_names
+from .forms import load_form
 from .runner import Callbacks, Runner
 from .thickness_form import LayersForm, ThicknessForm
 from .thickness_preview import ThicknessPreview
@@ -54,7 +55,7 @@ class TaskPanel:
     """
 
     def __init__(self, source: Any, volume: Any | None = None) -> None:
-        self.form = FreeCADGui.PySideUic.loadUi(str(preferences.RESOURCES / "ui" / "task_panel.ui"))
+        self.form = load_form("task_panel")
         self.form.setWindowIcon(
             QtGui.QIcon(str(preferences.RESOURCES / "icons" / "HybridVolume.svg"))
         )
