@@ -19,6 +19,7 @@ for argument in "$@"; do
 done
 
 need_packages "${packages_run[@]}"
+need_newer_packages
 need_environment
 exec 9>&- # the work itself may run side by side
 exec /usr/bin/python3 -P -m HybridVolume "${arguments[@]}"

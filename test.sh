@@ -10,6 +10,7 @@ project=$(cd -- "$(dirname -- "$(readlink -f -- "${BASH_SOURCE[0]}")")" && pwd -
 source "$project/scripts/setup.sh"
 
 need_packages "${packages_run[@]}" "${packages_test[@]}"
+need_newer_packages
 need_environment --development
 exec 9>&-
 exec /usr/bin/python3 "$project/scripts/run_tests.py" "$@"

@@ -99,6 +99,16 @@ need_packages() {
     fi
 }
 
+# Installs what only newer versions of the packages need besides.
+need_newer_packages() {
+    local version
+    version=$(dpkg-query -W -f='${Version}' freecad 2>/dev/null) || return 0
+    # The FEM workbench of FreeCAD 1.1 imports VTK, which its package does not bring.
+    if dpkg --compare-versions "$version" ge 1.1; then
+        need_packages python3-vtk9
+    fi
+}
+
 may_install() { [ "$(id -u)" -eq 0 ] || command -v sudo >/dev/null; }
 
 # need_environment [--free-only] [--development]: makes the worker's environment where it is not
