@@ -61,9 +61,7 @@ class Density:
 
     def __post_init__(self) -> None:
         if self.nodes not in NODES:
-            raise InputError(
-                f"nodes is {self.nodes!r}", remedy=f"choose one of {', '.join(NODES)}"
-            )
+            raise InputError(f"nodes is {self.nodes!r}", remedy=f"choose one of {', '.join(NODES)}")
         for name, (low, high), what in (
             ("subdivide", PARTS, "parts of a cell"),
             ("layers", LAYERS, "layers of wedges"),
