@@ -4,7 +4,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -91,3 +92,42 @@ class Density:
     def plain(self) -> bool:
         """Whether the mesh has the cells and layers of the shell, and no others."""
         return self.subdivide == 1 and not (self.size or self.face_sizes or self.layers)
+
+
+def parse_size(text: str) -> tuple[str, float]:
+    """Read the size of elements at a face, e.g. ``"Face3 = 0.5"`` or ``"Face3 = 0.5 mm"``.
+
+    Raises
+    ------
+    InputError
+        It is none, or out of its range.
+    """
+    found = re.fullmatch(r"\s*([^\s=:]+)\s*[=:]\s*([^\s=:]+?)\s*(mm)?\s*", text)
+    try:
+        size = float(found[2]) if found else np.nan
+    except ValueError:
+        size = np.nan
+    if np.isnan(size):
+        raise InputError(
+            f"{text!r} is no size of elements at a face", remedy='write it as "Face3 = 0.5"'
+        )
+    return found[1], Density(face_sizes={found[1]: size}).face_sizes[found[1]]
+
+
+def parse_sizes(texts: Sequence[str]) -> dict[str, float]:
+    """Read the sizes at several faces, each as for :func:`parse_size`.
+
+    Raises
+    ------
+    InputError
+        One cannot be read, is out of its range, or a face has two.
+    """
+    sizes: dict[str, float] = {}
+    for face, size in map(parse_size, texts):
+        if sizes.setdefault(face, size) != size:
+            raise InputError(
+                f"{face} has the sizes {sizes[face]:g} and {size:g} mm",
+                faces=[face],
+                remedy="leave one of them",
+            )
+    return sizes
