@@ -10,9 +10,11 @@ from shells import BODIES, exact_volume, make_shell, make_volume
 
 from HybridVolume.core import finite_elements as module
 from HybridVolume.core.curving import untangle
+from HybridVolume.core.density import Density
 from HybridVolume.core.element_jacobians import prove_positive
 from HybridVolume.core.elements import FACES, jacobians, quadrature, shape_gradients
 from HybridVolume.core.finite_elements import build_finite_elements, conforming_mesh
+from HybridVolume.core.remesh import remesh
 from HybridVolume.errors import FaultError, MesherError
 
 ORDERS = (1, 2)
@@ -39,6 +41,16 @@ def test_outer_nodes_lie_on_the_exact_body(name, order):
     assert set(fem.face_names) == {p.face for p in make_shell(name).surface.patches}
     nodes = [set(fem.face_nodes(face).tolist()) for face in fem.face_names]
     assert set().union(*nodes) == set(np.unique(fem.boundary).tolist())
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("name", BODIES)
+def test_every_outer_node_knows_its_place_on_the_surface(name, order):
+    fem = make_volume(name, order).fem
+    assert np.array_equal(np.sort(fem.surface_nodes), np.unique(fem.boundary))
+    surface = make_shell(name).surface
+    x = surface.evaluate_at(fem.surface_patch, *fem.surface_uv.T)
+    assert np.array_equal(x, fem.nodes[fem.surface_nodes])
 
 
 @pytest.mark.parametrize("order", ORDERS)
@@ -92,7 +104,7 @@ def test_volume_converges_with_the_fourth_power():
     shell = make_shell("sphere")
     errors = []
     for parts in (1, 2):
-        _, _, fem = build_finite_elements(shell, subdivide=parts, finest=parts)
+        _, _, fem = build_finite_elements(shell, Density(subdivide=parts), finest=parts)
         errors.append(abs(fem.volume - exact_volume("sphere")))
     assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.3)
 
@@ -115,7 +127,7 @@ def test_mid_nodes_inside_are_moved_only_where_tets_need_it():
     moved = fem.nodes[fem.interface[:, 3:]] - interface.midpoints[interface.triangle_edges]
     far = np.linalg.norm(moved, axis=2) > 1e-12
     edges = np.unique(interface.triangle_edges[far])
-    assert 0 < len(edges) <= fem.repairs
+    assert 0 < len(edges) <= sum(fem.repairs.values())
     # a straightened node stands between the curve and the chord
     ends = interface.vertices[interface.edges[edges]].mean(axis=1)
     nodes = np.empty((len(interface.edges), 3))
@@ -125,7 +137,7 @@ def test_mid_nodes_inside_are_moved_only_where_tets_need_it():
     share = np.einsum("ei,ei->e", along, whole) / np.einsum("ei,ei->e", whole, whole)
     assert np.allclose(along, share[:, None] * whole, atol=1e-12)
     assert share.min() > 0.4 and share.max() <= 1.0 + 1e-12
-    assert make_volume("box").fem.repairs == 0
+    assert not any(make_volume("box").fem.repairs.values())
 
 
 def test_inverted_elements_are_untangled_and_the_outside_stays():
@@ -193,3 +205,14 @@ def test_a_hole_between_elements_is_a_fault():
     ):
         with pytest.raises(FaultError):
             module._check(broken)
+
+
+def test_another_mesh_leaves_the_shell_as_it_is():
+    volume = make_volume("torus")
+    density = Density(subdivide=2)
+    finer = remesh(volume, density)
+    assert finer.shell is volume.shell and finer.fem.density == density
+    assert len(finer.fem.wedges) == 4 * len(volume.fem.wedges)
+    exact = exact_volume("torus")
+    assert abs(finer.fem.volume - exact) < 0.1 * abs(volume.fem.volume - exact)
+    assert finer.shell.volume() + finer.interior.volume + finer.gap_volume == pytest.approx(exact)

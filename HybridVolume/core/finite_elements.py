@@ -12,17 +12,19 @@ proved positive.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..errors import FaultError, MesherError
 from .columns import evaluate_columns, layer_parameters
 from .curving import untangle
+from .density import Density
 from .element_jacobians import prove_positive, relative_bound, scaled_jacobian, volumes
 from .elements import EDGES, FACES, quadrature, shape_functions, shape_gradients
 from .interior import Interface, Interior, build_interface, fill_interior
-from .mid_nodes import centre_mids
+from .mid_nodes import outer_mids
 from .shell import Shell
 
 logger = logging.getLogger(__name__)
@@ -32,6 +34,10 @@ _KEPT_QUALITY = 0.5
 """Share of its straight scaled Jacobian that a curved tet should have."""
 _POOR, _WORST = 0.02, 0.002
 """Scaled Jacobians below which wedges, and below which all elements, are worth an optimisation."""
+
+
+REPAIRS = ("straightened", "untangled", "flipped", "refined")
+"""Kinds of repairs that are counted."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +69,18 @@ class FiniteElementMesh:
         Smallest scaled Jacobian of each element.
     wedge_bound, tet_bound : (m,), (k,) arrays
         Proved lower bound of det J over the mean edge product of each element.
-    repairs : int
-        Mid nodes that were moved towards the middle of their edge so that all elements are valid.
+    repairs : mapping of str to int
+        What was done so that all elements are valid: "straightened" mid nodes (moved towards the
+        middle of their edge), "untangled" nodes, "flipped" diagonals of cells, and "refined" cells
+        (cut finer than was wanted).
+    density : Density
+        As it was wanted.
+    surface_nodes : (nb,) int array
+        Nodes of the outer boundary, mid nodes too.
+    surface_patch : (nb,) int array
+        A patch that each lies on.
+    surface_uv : (nb, 2) array
+        Its parameters there, on the shell's surface: positions and normals can be evaluated.
     """
 
     order: int
@@ -82,7 +98,11 @@ class FiniteElementMesh:
     tet_quality: np.ndarray
     wedge_bound: np.ndarray
     tet_bound: np.ndarray
-    repairs: int = 0
+    repairs: Mapping[str, int] = field(default_factory=lambda: dict.fromkeys(REPAIRS, 0))
+    density: Density = field(default_factory=Density)
+    surface_nodes: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    surface_patch: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    surface_uv: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
 
     @property
     def wedge_kind(self) -> str:
@@ -144,7 +164,11 @@ def enclosed_volume(kind: str, nodes: np.ndarray, triangles: np.ndarray) -> floa
 
 
 def conforming_mesh(
-    shell: Shell, interface: Interface, interior: Interior, order: int = 2
+    shell: Shell,
+    interface: Interface,
+    interior: Interior,
+    order: int = 2,
+    density: Density | None = None,
 ) -> FiniteElementMesh:
     """Wedges and tets on shared nodes (decision 10 of the design).
 
@@ -154,6 +178,8 @@ def conforming_mesh(
     interface : Interface
     interior : Interior
     order : {1, 2}
+    density : Density, optional
+        What the interface was made for.
 
     Raises
     ------
@@ -186,26 +212,52 @@ def conforming_mesh(
         tet_quality=scaled_jacobian(tet_kind, nodes[builder.tets]),
         wedge_bound=wedge_bound,
         tet_bound=tet_bound,
-        repairs=repairs,
+        repairs=dict.fromkeys(REPAIRS, 0) | repairs,
+        density=density or Density(),
+        **builder.surface_places(),
     )
     _check(mesh)
     logger.info(
-        "finite elements: %d nodes, %d wedges, %d tets, smallest scaled Jacobian %.3f, %d repairs",
+        "finite elements: %d nodes, %d wedges, %d tets, smallest scaled Jacobian %.3f, %s",
         len(nodes),
         len(mesh.wedges),
         len(mesh.tets),
         mesh.min_scaled_jacobian,
-        repairs,
+        ", ".join(f"{count} {kind}" for kind, count in mesh.repairs.items()),
     )
     return mesh
 
 
+def completed(mesh: FiniteElementMesh, shell: Shell, interface: Interface) -> FiniteElementMesh:
+    """A mesh as files before version 4 hold it, with what can be told about it since."""
+    if len(mesh.surface_nodes):
+        return mesh
+    density = Density(interface.nodes, interface.subdivide)
+    wanted = interface.triangles
+    blocks = [(mesh.boundary[:, :3], wanted, interface.vertex_patch, interface.vertex_uv)]
+    if mesh.order == 2:
+        mids = evaluate_columns(shell, interface.edge_patch, interface.edge_uv, np.zeros(1))[0]
+        _, patch, uv = outer_mids(shell, interface, mids)
+        blocks.append((mesh.boundary[:, 3:], interface.triangle_edges, patch, uv))
+    nodes = []
+    for boundary, number, patch, _ in blocks:
+        place = np.empty(len(patch), dtype=np.int64)
+        place[number] = boundary
+        nodes.append(place)
+    return replace(
+        mesh,
+        density=density,
+        surface_nodes=np.concatenate(nodes),
+        surface_patch=np.concatenate([patch for _, _, patch, _ in blocks]),
+        surface_uv=np.concatenate([uv for *_, uv in blocks]),
+    )
+
+
 def build_finite_elements(
     shell: Shell,
+    density: Density | None = None,
     *,
-    nodes: str = "knots",
     order: int = 2,
-    subdivide: int = 1,
     finest: int = 4,
     engine: str = "auto",
     free: bool | None = None,
@@ -220,10 +272,11 @@ def build_finite_elements(
     Parameters
     ----------
     shell : Shell
-    nodes : {"knots", "greville"}
+    density : Density, optional
+        Wanted density; by default the cells and layers of the shell.
     order : {1, 2}
-    subdivide, finest : int
-        Parts of each cell's side to begin and to end with.
+    finest : int
+        Parts of each cell's side to end with.
     engine, free, max_size, time_limit
         As for `fill_interior`.
 
@@ -232,9 +285,10 @@ def build_finite_elements(
     MesherError
         The last reason, when the finest grid failed too.
     """
-    for parts in range(subdivide, max(subdivide, finest) + 1):
+    density = density or Density()
+    for parts in range(density.subdivide, max(density.subdivide, finest) + 1):
         try:
-            interface = build_interface(shell, nodes, parts)
+            interface = build_interface(shell, density.nodes, parts)
             interior = fill_interior(
                 interface,
                 engine,
@@ -243,7 +297,7 @@ def build_finite_elements(
                 free=free,
                 time_limit=time_limit,
             )
-            mesh = conforming_mesh(shell, interface, interior, order)
+            mesh = conforming_mesh(shell, interface, interior, order, density)
         except MesherError as error:
             if parts >= finest:
                 raise
@@ -272,7 +326,7 @@ class _Builder:
             blocks.append(corners[1::2].reshape(-1, 3))
             mids = evaluate_columns(shell, interface.edge_patch, interface.edge_uv, w[::2])
             mids[-1] = interface.midpoints
-            centre_mids(shell, interface, mids[0])
+            mids[0], self.edge_patch, self.edge_uv = outer_mids(shell, interface, mids[0])
             blocks.append(mids.reshape(-1, 3))
         blocks.append(interior.mesh.vertices[self.n :])
         starts = np.cumsum([0, *(len(b) for b in blocks)])
@@ -341,17 +395,32 @@ class _Builder:
         ends.append((levels[..., None] * self.n + self.interface.edges).reshape(-1, 2))
         return np.concatenate(nodes), np.concatenate(ends)
 
-    def prove(self) -> tuple[int, np.ndarray, np.ndarray]:
+    def surface_places(self) -> dict[str, np.ndarray]:
+        """Nodes of the outer boundary with their patch and parameters."""
+        nodes = [np.arange(self.n)]
+        patch, uv = [self.interface.vertex_patch], [self.interface.vertex_uv]
+        if self.order == 2:
+            nodes.append(self.edge + np.arange(self.e))
+            patch.append(self.edge_patch)
+            uv.append(self.edge_uv)
+        return {
+            "surface_nodes": np.concatenate(nodes),
+            "surface_patch": np.concatenate(patch),
+            "surface_uv": np.concatenate(uv),
+        }
+
+    def prove(self) -> tuple[dict[str, int], np.ndarray, np.ndarray]:
         """Prove all elements; where that fails, straighten inner edges step by step, then untangle.
 
         Tets that curving made much worse are straightened as well.
 
         Returns
         -------
-        repairs : int
+        repairs : dict
+            Counts of moved nodes, as in `FiniteElementMesh`.
         wedge_bound, tet_bound : arrays
         """
-        curved = self.nodes
+        curved = straightened = self.nodes
         if self.order == 2:
             movable, ends = self._movable()
             straight = curved.copy()
@@ -359,6 +428,7 @@ class _Builder:
             least = _KEPT_QUALITY * scaled_jacobian("tet10", straight[self.tets])
             self.nodes = curved.copy()
             self._straighten(curved, straight, movable, least)
+            straightened = self.nodes.copy()
             self._untangle(movable)
         proofs = [prove_positive(kind, self.nodes[c]) for kind, c in self._elements]
         if not all(p.proved.all() for p in proofs):
@@ -367,7 +437,12 @@ class _Builder:
             relative_bound(kind, self.nodes[c], p.lower_bound)
             for (kind, c), p in zip(self._elements, proofs, strict=True)
         )
-        return int(np.count_nonzero((self.nodes != curved).any(axis=1))), wedge_bound, tet_bound
+        moved = {"straightened": (curved, straightened), "untangled": (straightened, self.nodes)}
+        repairs = {
+            kind: int(np.count_nonzero((before != after).any(axis=1)))
+            for kind, (before, after) in moved.items()
+        }
+        return repairs, wedge_bound, tet_bound
 
     @property
     def _elements(self) -> list[tuple[str, np.ndarray]]:

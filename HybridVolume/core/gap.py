@@ -4,17 +4,38 @@
 
 from __future__ import annotations
 
+import logging
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..errors import FaultError
 from . import bspline
 from .elements import gauss_line, shape_functions, shape_gradients
 from .shell import Shell
 from .surface import PatchSurface
 
 if TYPE_CHECKING:
-    from .interior import Interface
+    from .interior import Interface, Interior
+
+logger = logging.getLogger(__name__)
+
+BALANCE = 1e-9
+"""Largest share of the volume by which shell, core and gap may miss the body."""
+
+
+def check_balance(body: PatchSurface, shell: Shell, interior: Interior, gap: float) -> None:
+    """Shell, core and gap, each integrated on its own, must add up to the body.
+
+    Raises
+    ------
+    FaultError
+    """
+    volume = body.volume()
+    off = shell.volume() + interior.volume + gap - volume
+    logger.info("shell + core + gap - body = %.3g of the volume", off / volume)
+    if abs(off) > BALANCE * volume:
+        raise FaultError(f"shell, core and gap miss the body's volume by {off / volume:.2g} of it")
 
 
 def gap_volume(interface: Interface, shell: Shell, curved: bool = False) -> float:

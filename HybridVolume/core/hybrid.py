@@ -15,7 +15,7 @@ import os
 import struct
 import zipfile
 import zlib
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ import numpy as np
 
 from ..errors import FileFormatError
 from .atomic import replacing
-from .finite_elements import FiniteElementMesh
+from .finite_elements import REPAIRS, FiniteElementMesh, completed
 from .interior import Interface, Interior
 from .midstructure import Midstructure
 from .shell import Shell
@@ -34,14 +34,16 @@ from .validity import Certificate
 logger = logging.getLogger(__name__)
 
 FORMAT = "HybridVolume"
-VERSION = 3
+VERSION = 4
 """Goes up when an earlier program cannot read a new file any more."""
 
-READ = (1, 2, 3)
-"""Versions that can be read; 1 knows no figures of medial cells, 2 no levels of columns."""
+READ = (1, 2, 3, 4)
+"""Versions that can be read; 1 knows no figures of medial cells, 2 no levels of columns, 3 no
+wanted density of the finite elements and no parameters of their outer nodes."""
 
 _HOMES = {
     "Certificate": "validity",
+    "Density": "density",
     "Figures": "midstructure",
     "FiniteElementMesh": "finite_elements",
     "HybridVolume": "hybrid",
@@ -125,7 +127,8 @@ def save(volume: HybridVolume, path: str | os.PathLike) -> None:
 
 def load(path: str | os.PathLike) -> HybridVolume:
     """Read a hybrid volume; see `HybridVolume.load`."""
-    return _load(path, HybridVolume, "hybrid volume")
+    found = _load(path, HybridVolume, "hybrid volume")
+    return replace(found, fem=completed(found.fem, found.shell, found.interface))
 
 
 def save_midstructure(midstructure: Midstructure, path: str | os.PathLike) -> None:
@@ -299,6 +302,9 @@ class _Reader:
         name = value["type"]
         made = getattr(import_module(f".{_HOMES[name]}", __package__), name)
         parts = {key: self.decode(v) for key, v in value["fields"].items()}
+        if isinstance(parts.get("repairs"), int):
+            # one count up to version 3
+            parts["repairs"] = dict.fromkeys(REPAIRS, 0) | {"straightened": parts["repairs"]}
         unknown = set(parts) - {f.name for f in fields(made)}
         if unknown:
             raise _ForeignError(

@@ -14,19 +14,36 @@ _OFF_CENTRE = 0.05
 """Share of the edges from which on a mid node is moved."""
 
 
-def centre_mids(shell: Shell, interface: Interface, mids: np.ndarray) -> None:
+def outer_mids(
+    shell: Shell, interface: Interface, mids: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places of the outer mid nodes; on singular faces nearer to the middle of their edge.
+
+    Returns
+    -------
+    mids : (e, 3) array
+        mm
+    patch : (e,) int array
+    uv : (e, 2) array
+        Parameters on that patch.
+    """
+    mids, patch, uv = mids.copy(), interface.edge_patch.copy(), interface.edge_uv.copy()
+    _centre(shell, interface, mids, patch, uv)
+    return mids, patch, uv
+
+
+def _centre(
+    shell: Shell,
+    interface: Interface,
+    mids: np.ndarray,
+    edge_patch: np.ndarray,
+    edge_uv: np.ndarray,
+) -> None:
     """Move outer mid nodes of singular faces that stand far from the middle of their edge.
 
     They stay on the CAD face, and on its sides. Where the surface's derivative vanishes at an end
     the middle in parameters is a quarter of the way, and a quadratic element that has its mid node
-    there is singular.
-
-    Parameters
-    ----------
-    shell : Shell
-    interface : Interface
-    mids : (e, 3) array
-        Changed in place, mm.
+    there is singular. The arrays are changed in place.
     """
     flags = shell.surface.singular_flags.any(axis=(1, 2))
     if not flags.any():
@@ -68,3 +85,5 @@ def centre_mids(shell: Shell, interface: Interface, mids: np.ndarray) -> None:
         rows = np.arange(len(chosen))
         place, width = tries[rows, best], 0.25 * width
     mids[chosen] = points[rows, best]
+    edge_patch[chosen] = patch[chosen]
+    edge_uv[chosen] = place

@@ -13,29 +13,25 @@ import numpy as np
 
 from ..errors import FaultError, InputError
 from .check import SingularPlaces, check_surface, check_uncut
+from .density import Density
 from .embedding_proof import prove_embedded
 from .finite_elements import build_finite_elements
-from .gap import gap_volume
+from .gap import check_balance, gap_volume
 from .goals import Thickness, check_faces
 from .growth import grow_shell
 from .harmonic import HarmonicField, solve_harmonic
 from .hybrid import HybridVolume
-from .interior import Interior
 from .levels import Spacing
 from .midstructure import Midstructure, Search, find_midstructure
 from .paper import WHY, check_wishes, paper_field, paper_shell
 from .reached import expected_figures, isosurface_figures, layer_heights, reached_figures
 from .refinement import divide_faces, flatten_spans
-from .shell import Shell
 from .surface import PatchSurface
 
 logger = logging.getLogger(__name__)
 
 METHODS = ("certified", "paper")
 """Ways to make the shell."""
-
-BALANCE = 1e-9
-"""Largest share of the volume by which shell, core and gap may miss the body."""
 
 NAMED_SHEETS = 10
 """Sheets, the largest, that an error about a decision names."""
@@ -86,6 +82,10 @@ class Options:
         Order of the finite elements.
     engine : {"auto", "netgen", "gmsh"}
         Mesher of the core.
+    subdivide, size, face_sizes, gradation, growth
+        How fine the finite elements are, as in `Density`.
+    fem_layers : int
+        Layers of finite elements through the shell, the ``layers`` of `Density`.
 
     Raises
     ------
@@ -112,6 +112,25 @@ class Options:
     nodes: str = "knots"
     order: int = 2
     engine: str = "auto"
+    subdivide: int = 1
+    size: float = 0.0
+    face_sizes: Mapping[str, float] = field(default_factory=dict)
+    gradation: float = 0.5
+    fem_layers: int = 0
+    growth: float = 1.3
+
+    @property
+    def density(self) -> Density:
+        """How fine the finite elements are."""
+        return Density(
+            self.nodes,
+            self.subdivide,
+            self.size,
+            self.face_sizes,
+            self.gradation,
+            self.fem_layers,
+            self.growth,
+        )
 
     @property
     def search(self) -> Search:
@@ -134,7 +153,7 @@ class Options:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "decisions", self.search.decisions)
-        self.goal, Spacing.parse(self.spacing)  # refused here, before any work
+        self.goal, Spacing.parse(self.spacing), self.density  # refused here, before any work
         choices = {
             "method": METHODS,
             "nodes": ("knots", "greville"),
@@ -239,11 +258,11 @@ def complete(
         shell = replace(shell, notes=(stage.singular.sentence, *shell.notes))
     report("interior", 0.75, f"{certificate.valid} elements proved; interface, core, FEM mesh")
     interface, interior, fem = build_finite_elements(
-        shell, nodes=options.nodes, order=options.order, engine=options.engine
+        shell, options.density, order=options.order, engine=options.engine
     )
     report("interior", 0.9, f"{len(interior.mesh.tets)} tetrahedra in the core; balance")
     gap = gap_volume(interface, shell)
-    _check_balance(body, shell, interior, gap)
+    check_balance(body, shell, interior, gap)
     embedding = {
         "outer": prove_embedded(body).proved,
         "inner": prove_embedded(shell.inner_surface()).proved,
@@ -287,7 +306,7 @@ def midstructure_stage(
 ) -> Stage:
     """Check a body and find its midstructure, with the user's decisions applied.
 
-    Faces that factors are given for must be there, so that a slip of the pen costs no time.
+    Faces that factors or sizes are given for must be there, so that a slip of the pen costs no time.
 
     Parameters
     ----------
@@ -308,7 +327,7 @@ def midstructure_stage(
     options = options or Options()
     report = progress or _silent
     report("surface", 0.02, f"{len(surface.patches)} patches, genus {_words(surface.genus)}")
-    check_faces(options.face_factors, surface)
+    check_faces([*options.face_factors, *options.face_sizes], surface)
     varied = [face for face, factor in options.face_factors.items() if factor != 1.0]
     body = flatten_spans(divide_faces(surface, varied))
     deviation = _deviation(surface, body)
@@ -433,17 +452,3 @@ def _deviation(surface: PatchSurface, body: PatchSurface) -> float:
     if worst > 1e-12 * surface.diagonal:
         raise FaultError(f"exact refinement moved the surface by {worst:.2g} mm")
     return worst
-
-
-def _check_balance(body: PatchSurface, shell: Shell, interior: Interior, gap: float) -> None:
-    """Shell, core and gap, each integrated on its own, must add up to the body.
-
-    Raises
-    ------
-    FaultError
-    """
-    volume = body.volume()
-    off = shell.volume() + interior.volume + gap - volume
-    logger.info("shell + core + gap - body = %.3g of the volume", off / volume)
-    if abs(off) > BALANCE * volume:
-        raise FaultError(f"shell, core and gap miss the body's volume by {off / volume:.2g} of it")
