@@ -13,6 +13,7 @@ import math
 import platform
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,7 @@ from HybridVolume import __version__
 from HybridVolume.errors import FaultError, HybridVolumeError
 
 if TYPE_CHECKING:
+    from HybridVolume.core.finite_elements import FiniteElementMesh
     from HybridVolume.core.hybrid import HybridVolume
     from HybridVolume.core.midstructure import Midstructure
     from HybridVolume.core.pipeline import Options, Stage
@@ -50,7 +52,7 @@ def volume_report(
     seconds : mapping of str to float
         Seconds by stage.
     """
-    shell, interior, fem = volume.shell, volume.interior, volume.fem
+    shell, interior = volume.shell, volume.interior
     shell_part = shell_figures(shell, volume)
     told = [shell_part["sentence"]] if shell_part["sentence"] else []
     return {
@@ -73,15 +75,7 @@ def volume_report(
             "nodes": len(volume.interface.vertices),
             "gap_volume": float(volume.gap_volume),
         },
-        "fem": {
-            "nodes": len(fem.nodes),
-            "penta15": len(fem.wedges) if fem.order == 2 else 0,
-            "tet10": len(fem.tets) if fem.order == 2 else 0,
-            "penta6": len(fem.wedges) if fem.order == 1 else 0,
-            "tet4": len(fem.tets) if fem.order == 1 else 0,
-            "min_scaled_jacobian": fem.min_scaled_jacobian,
-            "volume": fem.volume,
-        },
+        "fem": fem_figures(volume.fem),
         "notes": [*told, *shell.notes, *midstructure_notes(volume.midstructure)],
         "seconds": {**seconds, "total": sum(seconds.values())},
         "peak_memory_mb": peak_memory_mb(),
@@ -249,6 +243,25 @@ def shell_figures(shell: Shell, volume: HybridVolume) -> dict[str, Any]:
     }
 
 
+def fem_figures(fem: FiniteElementMesh) -> dict[str, Any]:
+    """Figures of the finite element mesh: its size, how it was wanted, repairs, quality."""
+    from HybridVolume.core.fem_quality import mesh_quality
+
+    counts = dict.fromkeys(("penta15", "tet10", "penta6", "tet4"), 0)
+    counts |= {fem.wedge_kind: len(fem.wedges), fem.tet_kind: len(fem.tets)}
+    density = fem.density
+    return {
+        "nodes": len(fem.nodes),
+        **counts,
+        "min_scaled_jacobian": fem.min_scaled_jacobian,
+        "volume": fem.volume,
+        "layers": int(fem.wedge_layer.max(initial=-1)) + 1,
+        "density": {**asdict(density), "face_sizes": dict(density.face_sizes)},
+        "repairs": dict(fem.repairs),
+        "quality": mesh_quality(fem).figures(),
+    }
+
+
 def file_report(
     reports: Sequence[Mapping[str, Any]],
     refused: Sequence[tuple[str, HybridVolumeError]],
@@ -302,7 +315,7 @@ def _sums(reports: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
         "shell": ("elements", "valid", "undecided", "invalid", "valid_inside", "volume"),
         "interior": ("tets", "vertices", "volume"),
         "interface": ("nodes", "gap_volume"),
-        "fem": ("nodes", "penta15", "tet10", "volume", "faces_covered"),
+        "fem": ("nodes", "penta15", "tet10", "penta6", "tet4", "volume", "faces_covered"),
     }
     sums = {
         part: {name: sum(one[part][name] for one in reports) for name in names}

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""The worker process: ``python -m HybridVolume.worker FOLDER``; the protocol is in ``job.py``.
+"""The worker process: ``python -m HybridVolume.worker FOLDER``; see :mod:`.protocol`.
 
 Ends with 0 when the result is written, 2 for an input that is refused, 1 for a fault.
 """
@@ -19,10 +19,11 @@ import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from HybridVolume import job
+from HybridVolume import protocol
 from HybridVolume.errors import FaultError, HybridVolumeError, SetupError
 
 if TYPE_CHECKING:
+    from HybridVolume.core.hybrid import HybridVolume
     from HybridVolume.core.pipeline import Options
     from HybridVolume.core.surface import PatchSurface
 
@@ -82,22 +83,31 @@ def work(folder: Path, channel: Channel) -> None:
     ------
     HybridVolumeError
     """
-    from HybridVolume import exchange, report
-    from HybridVolume.core.assembly import build_surface
+    from HybridVolume import report
     from HybridVolume.core.pipeline import Options
 
-    task = json.loads((folder / job.OPTIONS_FILE).read_text(encoding="utf-8"))
-    if task["protocol"] != job.PROTOCOL:
-        raise FaultError(f"the job speaks protocol {task['protocol']}, not {job.PROTOCOL}")
+    task = json.loads((folder / protocol.OPTIONS_FILE).read_text(encoding="utf-8"))
+    if task["protocol"] != protocol.PROTOCOL:
+        raise FaultError(f"the job speaks protocol {task['protocol']}, not {protocol.PROTOCOL}")
     watch = Stopwatch(channel.progress)
-    watch("surface", 0.0, "pairing and welding the faces")
-    faces = exchange.read_surface(folder / job.SURFACE_FILE)
-    own = exchange.read_own(folder / job.OWN_FILE)
     options = Options(**task["options"])
-    surface = build_surface(faces, options.tolerance)
-    reach = {"volume": _volume, "midstructure": _midstructure, "thickness": _thickness}
-    figures = reach[task["goal"]](folder, task, surface, options, own, watch)
-    report.write(figures, folder / job.REPORT_FILE)
+    if task["goal"] == "mesh":
+        figures = _mesh(folder, task, options, watch)
+    else:
+        surface, own = _body(folder, options, watch)
+        reach = {"volume": _volume, "midstructure": _midstructure, "thickness": _thickness}
+        figures = reach[task["goal"]](folder, task, surface, options, own, watch)
+    report.write(figures, folder / protocol.REPORT_FILE)
+
+
+def _body(folder: Path, options: Options, watch: Stopwatch) -> tuple[PatchSurface, Any]:
+    """The closed surface, and the user's own geometry for the midstructure where there is some."""
+    from HybridVolume import exchange
+    from HybridVolume.core.assembly import build_surface
+
+    watch("surface", 0.0, "pairing and welding the faces")
+    faces = exchange.read_surface(folder / protocol.SURFACE_FILE)
+    return build_surface(faces, options.tolerance), exchange.read_own(folder / protocol.OWN_FILE)
 
 
 def _volume(
@@ -110,13 +120,7 @@ def _volume(
     made: dict[str, Any] = {}
     drawn = "pictures" in task["exports"]
     volume = complete(surface, options, watch, own, made.__setitem__ if drawn else None)
-    watch("exports", 0.93, "writing the result")
-    volume.save(folder / job.RESULT_FILE)
-    for number, export in enumerate(task["exports"]):
-        if export == "pictures":
-            continue
-        watch("exports", 0.94 + 0.02 * number, f"writing {task['name']}.{export}")
-        write_export(volume, export, folder / f"{task['name']}.{export}")
+    _write(folder, task, volume, watch)
     pictures: list[str] = []
     if drawn:
         from HybridVolume.exports.pictures import write_pictures
@@ -128,6 +132,33 @@ def _volume(
     return {**figures, "pictures": pictures} if drawn else figures
 
 
+def _mesh(folder: Path, task: dict, options: Options, watch: Stopwatch) -> dict[str, Any]:
+    """Another mesh of a volume whose shell stays."""
+    from HybridVolume import report
+    from HybridVolume.core import hybrid
+    from HybridVolume.core.remesh import remesh
+
+    watch("surface", 0.0, "reading the shell")
+    volume = hybrid.load(folder / protocol.VOLUME_FILE)
+    watch("interior", 0.1, "interface, core, FEM mesh")
+    volume = remesh(volume, options.density, order=options.order, engine=options.engine)
+    _write(folder, task, volume, watch)
+    watch.enter(None)
+    return report.volume_report(volume, source=task["source"], seconds=watch.seconds)
+
+
+def _write(folder: Path, task: dict, volume: HybridVolume, watch: Stopwatch) -> None:
+    """Write the result and all exports but the pictures of the stages."""
+    watch("exports", 0.93, "writing the result")
+    volume.save(folder / protocol.RESULT_FILE)
+    for number, export in enumerate(task["exports"]):
+        if export == "pictures":
+            continue
+        (file,) = protocol.exported_files(task["name"], export)
+        watch("exports", 0.94 + 0.02 * number, f"writing {file}")
+        write_export(volume, export, folder / file, task["elements"])
+
+
 def _midstructure(
     folder: Path, task: dict, surface: PatchSurface, options: Options, own: Any, watch: Stopwatch
 ) -> dict[str, Any]:
@@ -137,7 +168,7 @@ def _midstructure(
 
     stage = midstructure_stage(surface, options, watch, own)
     watch("exports", 0.95, f"{len(stage.midstructure.sheets)} sheets; writing them")
-    save_midstructure(stage.midstructure, folder / job.RESULT_FILE)
+    save_midstructure(stage.midstructure, folder / protocol.RESULT_FILE)
     watch.enter(None)
     return report.stage_report(stage, options, task["source"], watch.seconds)
 
@@ -151,14 +182,23 @@ def _thickness(
 
     stage, field, figures = thickness(surface, options, watch, own)
     watch("exports", 0.95, "writing the field")
-    FieldView.of(field, stage.surface).save(folder / job.FIELD_FILE)
+    FieldView.of(field, stage.surface).save(folder / protocol.FIELD_FILE)
     watch.enter(None)
     part = report.stage_report(stage, options, task["source"], watch.seconds)
     return {**part, "thickness": figures}
 
 
-def write_export(volume: Any, export: str, path: Path) -> None:
-    """Write one of :data:`HybridVolume.job.EXPORTS`."""
+def write_export(volume: HybridVolume, export: str, path: Path, elements: str = "wedges") -> None:
+    """Write one of :data:`HybridVolume.protocol.EXPORTS`.
+
+    Parameters
+    ----------
+    volume : HybridVolume
+    export : {"vtu", "inp", "png"}
+    path : Path
+    elements : {"wedges", "hex20"}
+        Of the shell in an .inp file.
+    """
     if export == "vtu":
         from HybridVolume.exports.vtu import write_vtu
 
@@ -204,7 +244,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         work(Path(folder), channel)
     except HybridVolumeError as error:
-        code = job.exit_code(error)
+        code = protocol.exit_code(error)
         if code == 1:
             traceback.print_exc()
         channel.send(error=error.to_dict())
