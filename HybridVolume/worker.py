@@ -136,10 +136,12 @@ def _mesh(folder: Path, task: dict, options: Options, watch: Stopwatch) -> dict[
     """Another mesh of a volume whose shell stays."""
     from HybridVolume import report
     from HybridVolume.core import hybrid
+    from HybridVolume.core.goals import check_faces
     from HybridVolume.core.remesh import remesh
 
     watch("surface", 0.0, "reading the shell")
     volume = hybrid.load(folder / protocol.VOLUME_FILE)
+    check_faces(options.face_sizes, volume.surface)
     watch("interior", 0.1, "interface, core, FEM mesh")
     volume = remesh(volume, options.density, order=options.order, engine=options.engine)
     _write(folder, task, volume, watch)

@@ -8,15 +8,17 @@ import stat
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from bodies import torus
+from shells import make_volume
 
 from HybridVolume import exchange
 from HybridVolume import job as protocol
-from HybridVolume.errors import GapError, SetupError, WorkerError
+from HybridVolume.errors import GapError, InputError, SetupError, WorkerError
 from HybridVolume.job import Job
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="workers are made of POSIX scripts")
@@ -120,6 +122,75 @@ def test_a_goal_on_the_way(worker, tmp_path):
         make_job("", tmp_path, goal="everything")
     with pytest.raises(ValueError, match="unknown exports"):
         make_job("", tmp_path, goal="midstructure", exports=("vtu",))
+
+
+def test_a_mesh_needs_a_volume_and_no_faces(worker, tmp_path):
+    stored = tmp_path / "stored.npz"
+    stored.write_bytes(b"a volume")
+    copied = 'open(FOLDER + "/result.npz", "wb").write(open(FOLDER + "/volume.npz", "rb").read())'
+    text = ANSWER.replace("for name", f"{copied}\nfor name").replace('"result.npz", ', "")
+    with Job([], name="torus", goal="mesh", volume=stored, python=worker(text)) as job:
+        folder = job.prepare()
+        assert sorted(file.name for file in folder.iterdir()) == ["job.json", "volume.npz"]
+        job.start()
+        assert wait_until(lambda: job.poll() == [] and job.state == "done")
+        assert job.result_file.read_bytes() == b"a volume"
+    assert stored.read_bytes() == b"a volume" and not folder.exists()
+    for wrong in ({"goal": "mesh"}, {"volume": stored}):
+        with pytest.raises(ValueError, match="needs a volume"):
+            Job([], **wrong)
+    with pytest.raises(ValueError, match=r"unknown exports \['pictures'\] of a mesh"):
+        Job([], goal="mesh", volume=stored, exports=("pictures",))
+    with pytest.raises(ValueError, match="unknown elements 'hex8'"):
+        Job([], elements="hex8")
+
+
+def told_volume(name):
+    """One of the ready volumes, with what a report asks for."""
+    volume = make_volume(name)
+    shell = replace(volume.shell, embedded=True, w0=0.4, w0_asked=0.4, w0_rms=0.0)
+    return replace(volume, shell=shell, report={"boundary_deviation": 0.0})
+
+
+def test_another_mesh_of_a_volume():
+    """The real worker: the same shell bit for bit, and the mesh of a density."""
+    try:
+        python = protocol.worker_python()
+    except SetupError as missing:
+        pytest.skip(missing.line)
+    volume = told_volume("sphere")
+    options = {"order": 1, "subdivide": 2}
+    with Job([], goal="mesh", volume=volume, options=options, exports=("inp",), python=python) as j:
+        again = j.run()
+        report = j.report()
+        deck = j.exported("inp").read_text()
+    assert np.array_equal(again.shell.layers, volume.shell.layers)
+    assert np.array_equal(again.certificate.min_bernstein, volume.certificate.min_bernstein)
+    assert again.fem.order == 1 and again.fem.density.subdivide == 2
+    assert len(again.fem.boundary) == 4 * len(volume.fem.boundary)
+    assert again.interior.volume + again.gap_volume == pytest.approx(
+        volume.interior.volume + volume.gap_volume, rel=1e-12
+    )
+    assert report["fem"]["density"]["subdivide"] == 2
+    quality = report["fem"]["quality"]["groups"]
+    assert quality["shell"]["elements"] == len(again.fem.wedges) == report["fem"]["penta6"]
+    assert quality["all"]["scaled_jacobian"]["min"] == report["fem"]["min_scaled_jacobian"]
+    assert deck.count("*ELEMENT, TYPE=C3D6") == 1
+
+
+@pytest.mark.parametrize("options", [{"size": -1.0}, {"face_sizes": {"Face99": 0.1}}])
+def test_a_density_that_does_not_fit_is_refused(options):
+    try:
+        python = protocol.worker_python()
+    except SetupError as missing:
+        pytest.skip(missing.line)
+    volume = told_volume("sphere")
+    with (
+        Job([], goal="mesh", volume=volume, options=options, python=python) as job,
+        pytest.raises(InputError) as caught,
+    ):
+        job.run()
+    assert protocol.exit_code(caught.value) == 2
 
 
 def test_progress_and_answer(worker, tmp_path):
