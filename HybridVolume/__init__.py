@@ -11,6 +11,7 @@ What macros and scripts use::
                                    spacing="first 0.2 mm")
     volume.report["sentence"], volume.report["faces"]    # what was reached
     mesh = HybridVolume.to_fem(volume, FreeCAD.ActiveDocument)
+    HybridVolume.export_mesh(volume, "fandisk.med")      # or .inp, .unv, .msh, .vtu
 
     mid = HybridVolume.edit_midstructure(FreeCAD.ActiveDocument.getObject("Midstructure"))
     mid.remove(faces=("Face3", "Face9"))
@@ -31,6 +32,7 @@ _FUNCTIONS = (
     "complete",
     "edit_midstructure",
     "edit_volume",
+    "export_mesh",
     "find_midstructure",
     "make_analysis",
     "medial_axis",

@@ -284,6 +284,37 @@ def to_fem(volume: HybridVolume, doc: Any, order: int = 2, body: Any | None = No
     return document.insert_mesh(doc, fem, body)
 
 
+def export_mesh(volume_or_object: Any, path: str | os.PathLike) -> None:
+    """Write the conforming mesh of a hybrid volume to a file, by the ending of its name.
+
+    Parameters
+    ----------
+    volume_or_object : HybridVolume, FiniteElementMesh or App.DocumentObject
+        An object is a hybrid volume, one of its parts, its mesh, or the body it was made of.
+    path : path
+        ``.inp`` (CalculiX, Abaqus), ``.unv``, ``.med`` (Salome, Code_Aster), ``.msh`` (Gmsh 4.1) or
+        ``.vtu`` (ParaView). Lengths are mm; groups are Shell, Core, each CAD face, and Interface.
+
+    Raises
+    ------
+    InputError
+        No format has this ending, or the object has no result.
+    FaultError
+        FreeCAD did not write the whole mesh (``.med``).
+    OSError
+        The place cannot be written.
+    """
+    from HybridVolume.exports.mesh_file import check_format, write_mesh
+
+    check_format(path)
+    mesh = getattr(volume_or_object, "fem", volume_or_object)
+    if hasattr(mesh, "Document"):
+        from HybridVolume.objects.stored_mesh import stored_mesh
+
+        mesh = stored_mesh(mesh)
+    write_mesh(path, mesh)
+
+
 def to_document(
     volume: HybridVolume, doc: Any, body: Any, report: dict[str, Any] | None = None
 ) -> Any:

@@ -16,6 +16,8 @@ import numpy as np
 from HybridVolume.core.atomic import replacing
 from HybridVolume.core.elements import to_order
 
+from .blocks import Block, blocks_of
+
 if TYPE_CHECKING:
     from HybridVolume.core.finite_elements import FiniteElementMesh
 
@@ -28,8 +30,6 @@ TYPES = {
     "penta15": 18,
 }
 """Gmsh's numbers of the kinds of elements."""
-
-INTERFACE = "Interface"
 
 
 def write_msh(path: str | os.PathLike, mesh: FiniteElementMesh) -> None:
@@ -45,39 +45,37 @@ def write_msh(path: str | os.PathLike, mesh: FiniteElementMesh) -> None:
     OSError
         The place cannot be written.
     """
-    blocks = list(_blocks(mesh))
+    blocks = blocks_of(mesh)
     with replacing(path) as file:
         for lines in (_heading(mesh, blocks), _nodes(mesh), _elements(blocks)):
             for line in lines:
                 file.write(line.encode("utf-8") + b"\n")
 
 
-_Block = tuple[int, int, str, str, np.ndarray]
-"""Dimension, number, name, kind and connectivity of an entity."""
-
-
-def _blocks(mesh: FiniteElementMesh) -> Iterator[_Block]:
-    yield 3, 1, "Shell", mesh.wedge_kind, mesh.wedges
-    yield 3, 2, "Core", mesh.tet_kind, mesh.tets
-    for number, name in enumerate(mesh.face_names, 1):
-        yield 2, number, name, mesh.face_kind, mesh.face_triangles(name)
-    yield 2, len(mesh.face_names) + 1, INTERFACE, mesh.face_kind, mesh.interface
-
-
-def _heading(mesh: FiniteElementMesh, blocks: list[_Block]) -> Iterator[str]:
+def _heading(mesh: FiniteElementMesh, blocks: list[Block]) -> Iterator[str]:
     yield from ("$MeshFormat", "4.1 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(blocks)))
-    for dimension, number, name, _, _ in blocks:
-        quoted = name.replace('"', "'")
-        yield f'{dimension} {number} "{quoted}"'
-    surfaces = [block for block in blocks if block[0] == 2]
-    volumes = [block for block in blocks if block[0] == 3]
+    numbered = list(_numbered(blocks))
+    for number, block in numbered:
+        quoted = block.group.replace('"', "'")
+        yield f'{block.dimension} {number} "{quoted}"'
+    surfaces = [(number, block) for number, block in numbered if block.dimension == 2]
+    volumes = [(number, block) for number, block in numbered if block.dimension == 3]
     yield from ("$EndPhysicalNames", "$Entities", f"0 0 {len(surfaces)} {len(volumes)}")
-    for _, number, _, _, rows in (*surfaces, *volumes):
+    for number, block in (*surfaces, *volumes):
+        rows = block.connectivity
         points = mesh.nodes[np.unique(rows)] if len(rows) else np.zeros((1, 3))
         ends = " ".join(f"{x:.17g}" for x in (*points.min(axis=0), *points.max(axis=0)))
         # one physical group of the same number, no entities that bound this one
         yield f"{number} {ends} 1 {number} 0"
     yield "$EndEntities"
+
+
+def _numbered(blocks: list[Block]) -> Iterator[tuple[int, Block]]:
+    """Each group with its number among those of its dimension."""
+    counts = {2: 0, 3: 0}
+    for block in blocks:
+        counts[block.dimension] += 1
+        yield counts[block.dimension], block
 
 
 def _nodes(mesh: FiniteElementMesh) -> Iterator[str]:
@@ -88,13 +86,14 @@ def _nodes(mesh: FiniteElementMesh) -> Iterator[str]:
     yield "$EndNodes"
 
 
-def _elements(blocks: list[_Block]) -> Iterator[str]:
-    count = sum(len(rows) for *_, rows in blocks)
+def _elements(blocks: list[Block]) -> Iterator[str]:
+    count = sum(len(block.connectivity) for block in blocks)
     yield from ("$Elements", f"{len(blocks)} {count} 1 {count}")
     element = 1
-    for dimension, number, _, kind, rows in blocks:
-        yield f"{dimension} {number} {TYPES[kind]} {len(rows)}"
-        for row in (to_order("gmsh", kind, rows) + 1).tolist():
+    for number, block in _numbered(blocks):
+        rows = (to_order("gmsh", block.kind, block.connectivity) + 1).tolist()
+        yield f"{block.dimension} {number} {TYPES[block.kind]} {len(rows)}"
+        for row in rows:
             yield f"{element} {' '.join(map(str, row))}"
             element += 1
     yield "$EndElements"

@@ -9,10 +9,7 @@ older ones VTK swaps two edges of these cells.
 
 from __future__ import annotations
 
-import base64
 import os
-import struct
-import zlib
 from dataclasses import dataclass, field
 from functools import cache
 from typing import TYPE_CHECKING, BinaryIO
@@ -25,12 +22,13 @@ from HybridVolume.core.atomic import replacing
 from HybridVolume.core.elements import VTK_TYPES, to_order
 from HybridVolume.core.validity import scaled_jacobian
 
+from .vtk_xml import HEADER, Appended, strings_tag
+
 if TYPE_CHECKING:
     from HybridVolume.core.hybrid import HybridVolume
 
 BEZIER_HEXAHEDRON = 79
 
-_BLOCK = 1 << 20
 _MERGED = 1e-12
 """Control points of neighbours this close, as a share of the diagonal, are one point."""
 
@@ -207,55 +205,14 @@ def _merge(
     return first[order], rank[label]
 
 
-_TYPES = {"f8": "Float64", "i8": "Int64", "i4": "Int32", "u1": "UInt8", "i1": "Int8"}
-
-
-class _Appended:
-    """Arrays for the appended part: base64 of zlib blocks, and the tag of each."""
-
-    def __init__(self) -> None:
-        self._parts: list[bytes] = []
-        self._length = 0
-
-    def tag(self, name: str, values: np.ndarray) -> str:
-        """Store an array; its DataArray tag."""
-        components = 1 if values.ndim == 1 else values.shape[1]
-        little = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<"))
-        text = _encoded(little.tobytes())
-        tag = (
-            f'<DataArray type="{_TYPES[little.dtype.str[1:]]}" Name="{name}"'
-            f' NumberOfComponents="{components}" format="appended" offset="{self._length}"/>\n'
-        )
-        self._parts.append(text)
-        self._length += len(text)
-        return tag
-
-    def data(self) -> bytes:
-        """Everything stored."""
-        return b"".join(self._parts)
-
-
-def _encoded(raw: bytes) -> bytes:
-    blocks = [zlib.compress(raw[s : s + _BLOCK], 5) for s in range(0, len(raw), _BLOCK)]
-    rest = len(raw) % _BLOCK
-    header = struct.pack(
-        f"<{3 + len(blocks)}Q", len(blocks), _BLOCK, rest, *(len(b) for b in blocks)
-    )
-    return base64.b64encode(header) + base64.b64encode(b"".join(blocks))
-
-
 def _write(file: BinaryIO, grid: _Grid, names: list[str]) -> None:
     points = np.concatenate(grid.points)
     sizes = np.concatenate(grid.sizes)
     cells = {name: np.concatenate(parts) for name, parts in grid.cells.items()}
-    appended = _Appended()
-    codes = " ".join(str(c) for name in names for c in (*name.encode("utf-8"), 0))
+    appended = Appended()
     text = [
-        '<?xml version="1.0"?>\n'
-        '<VTKFile type="UnstructuredGrid" version="2.2" byte_order="LittleEndian"'
-        ' header_type="UInt64" compressor="vtkZLibDataCompressor">\n<UnstructuredGrid>\n'
-        f'<FieldData>\n<DataArray type="String" Name="face_names" NumberOfTuples="{len(names)}"'
-        f' format="ascii">{codes}</DataArray>\n</FieldData>\n'
+        HEADER,
+        f"<FieldData>\n{strings_tag('face_names', names)}</FieldData>\n"
         f'<Piece NumberOfPoints="{len(points)}" NumberOfCells="{len(sizes)}">\n'
         '<PointData RationalWeights="RationalWeights">\n',
         appended.tag("RationalWeights", np.concatenate(grid.weights)),
@@ -270,8 +227,7 @@ def _write(file: BinaryIO, grid: _Grid, names: list[str]) -> None:
         appended.tag("connectivity", np.concatenate(grid.connectivity).astype(np.int64)),
         appended.tag("offsets", np.cumsum(sizes).astype(np.int64)),
         appended.tag("types", cells["types"].astype(np.uint8)),
-        '</Cells>\n</Piece>\n</UnstructuredGrid>\n<AppendedData encoding="base64">\n_',
+        "</Cells>\n</Piece>\n</UnstructuredGrid>\n",
     ]
     file.write("".join(text).encode("utf-8"))
-    file.write(appended.data())
-    file.write(b"\n</AppendedData>\n</VTKFile>\n")
+    appended.finish(file)
