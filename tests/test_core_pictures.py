@@ -146,6 +146,15 @@ def test_the_histogram_counts_every_element(scenes, volume):
     assert chart.marks[1][0] == pytest.approx(3**-0.5, rel=1e-6)
 
 
+def test_the_histogram_of_finite_elements_has_shell_and_core(scenes, volume):
+    chart, fem = scenes["fem_histogram"], volume.fem
+    (_, shell, _), (_, core, _) = chart.parts
+    assert (sum(shell), sum(core)) == (len(fem.wedges), len(fem.tets))
+    assert chart.counts.tolist() == [a + b for a, b in zip(shell, core, strict=True)]
+    assert core[-1] == np.count_nonzero(fem.tet_quality >= chart.edges[-2])
+    assert chart.marks[0][0] == fem.min_scaled_jacobian
+
+
 def test_a_cube_is_clipped_to_its_lower_part():
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
     squares = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -179,8 +188,9 @@ def test_words_are_drawn_beside_the_body(scenes, tmp_path):
     from HybridVolume.exports.picture import write_scenes
 
     wanted = {tmp_path / "worst.png": scenes["worst"], tmp_path / "bars.png": scenes["histogram"]}
+    wanted[tmp_path / "fem.png"] = scenes["fem_histogram"]
     write_scenes(wanted, interpreter(), size=(640, 480))
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["bars.png", "worst.png"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["bars.png", "fem.png", "worst.png"]
     pixels = np.asarray(image.open(tmp_path / "worst.png").convert("RGB")).astype(int)
     assert pixels.shape == (480, 640, 3)
     red = (pixels[..., 0] > 2 * pixels[..., 1]) & (pixels[..., 0] > 90)
@@ -191,6 +201,10 @@ def test_words_are_drawn_beside_the_body(scenes, tmp_path):
     bars = np.asarray(image.open(tmp_path / "bars.png").convert("RGB")).astype(int)
     blue = (bars[..., 2] > 1.5 * bars[..., 0]) & (bars[..., 2] > 120)
     assert 0.02 < blue.mean() < 0.6
+    fem = np.asarray(image.open(tmp_path / "fem.png").convert("RGB")).astype(int)
+    blue = (fem[..., 2] > 1.5 * fem[..., 0]) & (fem[..., 2] > 120)
+    ochre = (fem[..., 0] > 1.8 * fem[..., 2]) & (fem[..., 0] > 150)
+    assert blue.mean() > 0.02 and ochre.mean() > 0.01
 
 
 def test_a_scene_without_words_is_drawn_as_before():

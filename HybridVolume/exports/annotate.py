@@ -83,8 +83,11 @@ def chart(path: str, values: dict[str, Any], size: Sequence[int]) -> None:
     axes = figure.add_axes((0.09, 0.11, 0.87, 0.72))
     edges, counts = np.array(values["edges"]), np.array(values["counts"])
     width = np.diff(edges)
-    axes.bar(edges[:-1], counts, width, align="edge", color=(0.30, 0.50, 0.74),
-             edgecolor="white", linewidth=1.0)  # fmt: skip
+    below = np.zeros(len(counts))
+    for text, part, colour in values["parts"] or [("", counts, (0.30, 0.50, 0.74))]:
+        axes.bar(edges[:-1], part, width, below, align="edge", color=colour,
+                 edgecolor="white", linewidth=1.0, label=text)  # fmt: skip
+        below = below + part
     top = max(1.0, float(counts.max()))
     for left, step, count in zip(edges, width, counts, strict=False):
         if count:
@@ -105,6 +108,8 @@ def chart(path: str, values: dict[str, Any], size: Sequence[int]) -> None:
     axes.set_ylabel(values["y_label"], fontsize=_points(size, 0.019), color=INK)
     axes.tick_params(labelsize=_points(size, 0.017), colors=INK)
     axes.spines[["top", "right"]].set_visible(False)
+    if values["parts"]:
+        axes.legend(loc="upper right", fontsize=_points(size, 0.017), labelcolor=INK, frameon=False)
     figure.savefig(path, dpi=DOTS, facecolor="white", format="png")
 
 

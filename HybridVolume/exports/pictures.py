@@ -24,6 +24,7 @@ from HybridVolume.core.tetmesh.door import interpreter
 from HybridVolume.core.thickness import distance_to_triangles
 from HybridVolume.errors import SetupError
 
+from .fem_pictures import fem_histogram
 from .picture import write_scenes
 from .scene import (
     DARK,
@@ -108,6 +109,7 @@ def all_pictures(
         "thickness": thickness_picture(name, volume),
         "histogram": histogram(name, volume, quality),
         "worst": worst_picture(name, volume, quality),
+        "fem_histogram": fem_histogram(name, volume.fem),
     }
 
 

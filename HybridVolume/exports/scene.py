@@ -167,6 +167,8 @@ class Chart:
     x_label, y_label : str
     marks : tuple of (float, str)
         Values that get a line, and words for them.
+    parts : tuple of (str, tuple of int, (r, g, b))
+        What the bars consist of, from below: words for the legend, counts, colour.
     """
 
     title: str
@@ -176,6 +178,7 @@ class Chart:
     x_label: str
     y_label: str
     marks: tuple[tuple[float, str], ...] = ()
+    parts: tuple[tuple[str, tuple[int, ...], tuple[float, float, float]], ...] = ()
 
 
 def cutaway(volume: HybridVolume) -> Scene:
