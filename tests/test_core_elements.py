@@ -13,7 +13,7 @@ from HybridVolume.core import elements as el
 KINDS = tuple(el.EDGES)
 SOLIDS = ("tet4", "tet10", "penta6", "penta15")
 DEGREE = {"tri3": 1, "tri6": 2, "tet4": 1, "tet10": 2, "penta6": 1, "penta15": 2}
-DEGREE |= {"hex8": 1, "hex20": 2}
+DEGREE |= {"hex8": 1, "hex20": 2, "quad4": 1, "quad8": 2}
 
 
 def shape(kind):
@@ -48,6 +48,8 @@ VTK_CLASSES = {
     "penta15": "vtkQuadraticWedge",
     "hex8": "vtkHexahedron",
     "hex20": "vtkQuadraticHexahedron",
+    "quad4": "vtkQuad",
+    "quad8": "vtkQuadraticQuad",
 }
 
 
@@ -64,7 +66,7 @@ def test_vtk_has_the_same_shape_functions(kind):
 
 
 GMSH_TYPES = {"tri3": 2, "tri6": 9, "tet4": 4, "tet10": 11}
-GMSH_TYPES |= {"penta6": 6, "penta15": 18, "hex8": 5, "hex20": 17}
+GMSH_TYPES |= {"penta6": 6, "penta15": 18, "hex8": 5, "hex20": 17, "quad4": 3, "quad8": 16}
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -78,7 +80,7 @@ def test_gmsh_nodes_stand_where_the_order_says(kind):
     theirs = np.array(local).reshape(count, dimension)
     if shape(kind) == "penta":
         theirs[:, 2] = 0.5 * (theirs[:, 2] + 1.0)
-    elif shape(kind) == "hex":
+    elif shape(kind) in ("quad", "hex"):
         theirs = 0.5 * (theirs + 1.0)
     ours = el.reference(kind).nodes[list(el.ORDERS["gmsh"][kind])]
     assert np.allclose(ours, theirs, atol=1e-12)
@@ -104,10 +106,12 @@ def exact_integral(name, power):
     triangle = factorial(a) * factorial(b) / factorial(a + b + 2)
     if name == "tri":
         return triangle
+    if name == "quad":
+        return 1.0 / ((a + 1) * (b + 1))
     return triangle / (c + 1) if name == "penta" else 1.0 / ((a + 1) * (b + 1) * (c + 1))
 
 
-@pytest.mark.parametrize("name", ["tri", "tet", "penta", "hex"])
+@pytest.mark.parametrize("name", ["tri", "quad", "tet", "penta", "hex"])
 @pytest.mark.parametrize("count", [2, 4])
 def test_quadrature_is_exact_as_promised(name, count):
     points, weights = el.quadrature(name, count)
@@ -115,7 +119,7 @@ def test_quadrature_is_exact_as_promised(name, count):
     assert weights.min() > 0.0
     for a in range(degree + 1):
         for b in range(degree + 1 - a):
-            c = degree - a - b if name != "tri" else 0
+            c = degree - a - b if name not in ("tri", "quad") else 0
             power = np.array([a, b, c])[: points.shape[1]]
             found = weights @ np.prod(points**power, axis=1)
             assert found == pytest.approx(exact_integral(name, (a, b, c)), rel=1e-13)
@@ -125,7 +129,7 @@ def _sides(corners):
     return zip(corners, np.roll(corners, -1, axis=0), strict=True)
 
 
-@pytest.mark.parametrize("kind", SOLIDS)
+@pytest.mark.parametrize("kind", [*SOLIDS, "hex8", "hex20"])
 def test_faces_point_outward_and_close_the_element(kind):
     nodes = el.reference(kind).nodes
     total = np.zeros(3)
@@ -134,6 +138,10 @@ def test_faces_point_outward_and_close_the_element(kind):
         area = 0.5 * sum(np.cross(a, b) for a, b in _sides(corners))
         assert area @ (corners.mean(0) - nodes.mean(0)) > 0.0
         total += area
+        # each mid node lies between two corners that follow one another
+        count = len(corners)
+        middles = nodes[list(face[count:])]
+        assert np.allclose(middles, 0.5 * (corners + np.roll(corners, -1, axis=0))[: len(middles)])
     assert np.allclose(total, 0.0)
 
 

@@ -13,10 +13,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from itertools import product
 
 import numpy as np
 
 _TRIANGLE_EDGES = ((0, 1), (1, 2), (2, 0))
+_QUAD_EDGES = ((0, 1), (1, 2), (2, 3), (3, 0))
 _TET_EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
 _WEDGE_EDGES = ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5))
 _HEX_EDGES = (
@@ -27,6 +29,8 @@ _HEX_EDGES = (
 EDGES: dict[str, tuple[tuple[int, int], ...]] = {
     "tri3": _TRIANGLE_EDGES,
     "tri6": _TRIANGLE_EDGES,
+    "quad4": _QUAD_EDGES,
+    "quad8": _QUAD_EDGES,
     "tet4": _TET_EDGES,
     "tet10": _TET_EDGES,
     "penta6": _WEDGE_EDGES,
@@ -58,6 +62,18 @@ FACES: dict[str, tuple[tuple[int, ...], ...]] = {
         (1, 2, 5, 4, 7, 14, 10, 13),
         (2, 0, 3, 5, 8, 12, 11, 14),
     ),
+    "hex8": (
+        *((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4)),
+        *((1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+    ),
+    "hex20": (
+        (0, 3, 2, 1, 11, 10, 9, 8),
+        (4, 5, 6, 7, 12, 13, 14, 15),
+        (0, 1, 5, 4, 8, 17, 12, 16),
+        (1, 2, 6, 5, 9, 18, 13, 17),
+        (2, 3, 7, 6, 10, 19, 14, 18),
+        (3, 0, 4, 7, 11, 16, 15, 19),
+    ),
 }
 """Faces with their normals outward, numbered as CalculiX numbers them (S1 is the first)."""
 
@@ -74,6 +90,8 @@ CALCULIX_NAMES: dict[str, str] = {
 VTK_TYPES: dict[str, int] = {
     "tri3": 5,
     "tri6": 22,
+    "quad4": 9,
+    "quad8": 23,
     "tet4": 10,
     "tet10": 24,
     "penta6": 13,
@@ -87,6 +105,8 @@ VTK_TYPES: dict[str, int] = {
 _FREECAD = {
     "tri3": (0, 1, 2),
     "tri6": (0, 1, 2, 3, 4, 5),
+    "quad4": (0, 1, 2, 3),
+    "quad8": (0, 1, 2, 3, 4, 5, 6, 7),
     "tet4": (0, 2, 1, 3),
     "tet10": (0, 2, 1, 3, 6, 5, 4, 7, 9, 8),
     "penta6": (0, 2, 1, 3, 5, 4),
@@ -178,6 +198,7 @@ _TRIANGLE = [(0, 0), (1, 0), (0, 1)]
 _SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 _CORNERS = {
     "tri": _TRIANGLE,
+    "quad": _SQUARE,
     "tet": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)],
     "penta": [(*p, z) for z in (0, 1) for p in _TRIANGLE],
     "hex": [(*p, z) for z in (0, 1) for p in _SQUARE],
@@ -185,7 +206,7 @@ _CORNERS = {
 
 
 def _space(kind: str) -> list[tuple[int, ...]]:
-    linear = kind in ("tri3", "tet4", "penta6", "hex8")
+    linear = kind in ("tri3", "quad4", "tet4", "penta6", "hex8")
     degree = 1 if linear else 2
     if kind.startswith("tri"):
         return _simplex_exponents(2, degree)
@@ -196,7 +217,7 @@ def _space(kind: str) -> list[tuple[int, ...]]:
     if kind.startswith("penta"):
         space = [(*e, z) for e in _simplex_exponents(2, degree) for z in (0, 1)]
         return space if linear else space + [(*e, 2) for e in _simplex_exponents(2, 1)]
-    cube = [(i, j, k) for i in range(3) for j in range(3) for k in range(3)]
+    cube = product(range(3), repeat=2 if kind.startswith("quad") else 3)
     # serendipity: at most one square (superlinear degree 2)
     return [e for e in cube if sum(2 if x == 2 else 0 for x in e) <= (0 if linear else 2)]
 
@@ -279,7 +300,7 @@ def quadrature(shape: str, n: int) -> tuple[np.ndarray, np.ndarray]:
 
     Parameters
     ----------
-    shape : {"tri", "tet", "penta", "hex"}
+    shape : {"tri", "quad", "tet", "penta", "hex"}
     n : int
         Exact to degree 2n - 2 in a triangle, 2n - 3 in a tet, 2n - 1 along a line.
 
@@ -294,6 +315,8 @@ def quadrature(shape: str, n: int) -> tuple[np.ndarray, np.ndarray]:
         points = np.stack(np.meshgrid(x, x, x, indexing="ij"), axis=-1).reshape(-1, 3)
         return points, np.einsum("i,j,k->ijk", w, w, w).ravel()
     r, s = (a.ravel() for a in np.meshgrid(x, x, indexing="ij"))
+    if shape == "quad":
+        return np.column_stack([r, s]), np.outer(w, w).ravel()
     triangle = np.column_stack([r, s * (1.0 - r)])
     triangle_weights = np.outer(w, w).ravel() * (1.0 - r)
     if shape == "tri":
