@@ -51,8 +51,10 @@ class Problem:
         Force on each mm³, N.
     balance : str
         Role whose traction is scaled until it and the weight are in balance on the mesh itself.
-    size : callable
-        How the size of elements should vary, as a multiple of the smallest, (m,).
+    near : tuple of str
+        Roles of the faces near which elements should be small; all faces, where none is named.
+    slope : float
+        Growth of the size of elements a mm away from them, as a share of the smallest size.
     thickness : str
         Of the hybrid volume's shell.
     """
@@ -68,7 +70,8 @@ class Problem:
     supports: tuple[tuple[tuple[float, float, float], tuple[int, ...]], ...] = ()
     weight: tuple[float, float, float] = (0.0, 0.0, 0.0)
     balance: str = ""
-    size: Field = field(default=lambda x: np.ones(len(x)))
+    near: tuple[str, ...] = ()
+    slope: float = 2.0
     material: Material = STEEL_LIKE
     thickness: str = "0.5"
     peak_at: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
@@ -140,7 +143,8 @@ def thick_cylinder(inner: float = 1.0, outer: float = 2.0, height: float = 1.0) 
             ((-outer, 0.0, 0.0), (1, 2)),
             ((0.0, outer, 0.0), (2,)),
         ),
-        size=lambda x: np.hypot(x[:, 0], x[:, 1]) / inner,
+        near=("bore",),
+        slope=1.0 / inner,
         peak_at=np.array([[inner, 0.0, 0.0]]),
     )
 
@@ -178,7 +182,8 @@ def thick_sphere(inner: float = 1.0, outer: float = 2.0) -> Problem:
             ((-corner, corner, corner), (1, 2)),
             ((corner, -corner, corner), (2,)),
         ),
-        size=lambda x: 2.0 * np.linalg.norm(x, axis=1) / inner - 1.0,
+        near=("cavity",),
+        slope=2.0 / inner,
         peak_at=np.array([[inner, 0.0, 0.0]]),
     )
 
@@ -224,7 +229,8 @@ def holed_plate(radius: float = 1.0, side: float = 4.0, height: float = 1.0) -> 
         ("hole",),
         tractions={"far": _stress_of(stress)},
         held={"symmetry x": (0,), "symmetry y": (1,), "bottom": (2,), "top": (2,)},
-        size=lambda x: np.maximum(np.hypot(x[:, 0], x[:, 1]) / radius, 1.0),
+        near=("hole",),
+        slope=1.0 / radius,
         peak_at=np.array([[0.0, radius, 0.0]]),
     )
 
@@ -292,7 +298,6 @@ def cantilever(length: float = 10.0, width: float = 2.0, force: float = 1.0) -> 
         ("side",),
         tractions={"tip": _stress_of(stress)},
         held={"root": (0, 1, 2)},
-        size=lambda x: 1.0 + 2.0 * (half - np.abs(x[:, 1:]).max(axis=1)) / half,
         peak_at=np.array([[0.0, half, 0.0]]),
     )
 
@@ -318,7 +323,6 @@ def heavy_torus(major: float = 3.0, minor: float = 1.0) -> Problem:
         ),
         weight=(0.0, 0.0, -solution.weight),
         balance="surface",
-        size=lambda x: 3.0 - 2.0 * np.hypot(np.hypot(x[:, 0], x[:, 1]) - major, x[:, 2]) / minor,
         peak_at=solution.surface_places(400),
     )
 
