@@ -12,24 +12,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import FreeCAD
-import Part
+import numpy as np
 
 from HybridVolume.core.hybrid import save_midstructure
-from HybridVolume.errors import FaultError
-from HybridVolume.sources import check_against_cad, global_shape
+from HybridVolume.errors import FaultError, InputError
+from HybridVolume.sources import check_against_cad, read_object
 
-from . import thickness
-from .fem_mesh import (
-    AnalysisMesh,
-    PartMesh,
-    arrays_of,
-    build,
-    cover,
-    make_mesh_object,
-)
-from .inner import make_inner_boundary
+from . import density, thickness
+from .fem_mesh import AnalysisMesh, PartMesh, inputs_of_mesh, make_mesh_object
+from .inner import make_inner_boundary, stored_volume
 from .midstructure import PARAMETERS, insert_found, make_midstructure, search_inputs
+from .prepared_mesh import PARTS, PreparedMesh
 from .properties import include, transaction
+from .stored_mesh import volume_object_of
 from .volume import (
     GEOMETRY,
     UP_TO_DATE,
@@ -38,13 +33,17 @@ from .volume import (
     current_inputs,
     inputs_of,
     make_volume,
+    mesh_parameters_of,
+    mesh_values,
     set_status,
+    source_fingerprint,
     update_status,
 )
 
 if TYPE_CHECKING:
     from HybridVolume.core.finite_elements import FiniteElementMesh
     from HybridVolume.core.hybrid import HybridVolume
+    from HybridVolume.core.surface import PatchSurface
     from HybridVolume.sources import Body
 
 
@@ -92,12 +91,10 @@ class Prepared:
     Attributes
     ----------
     completed : Completed
+    mesh : PreparedMesh
     report : dict
-        The report with what FreeCAD adds: ``input.max_deviation``, ``fem.faces_covered`` and
-        ``fem.face_tolerance``.
-    analysis_body : Part.Shape or None
-        A copy of the body whose faces have a wider tolerance, where FreeCAD would not find the
-        mesh's nodes on the body itself.
+        The report with what FreeCAD adds: ``input.max_deviation``, and the figures of
+        `Coverage.figures` in ``fem``.
 
     Raises
     ------
@@ -106,27 +103,15 @@ class Prepared:
     """
 
     def __init__(self, completed: Completed) -> None:
-        arrays = arrays_of(completed.volume.fem)
+        volume = completed.volume
         self.completed = completed
-        self.analysis_body, covered = cover(arrays, completed.body.shape)
+        self.mesh = PreparedMesh(volume.fem, completed.body, volume.surface)
         self.report = dict(completed.report)
         self.report["input"] = {
             **self.report["input"],
-            "max_deviation": check_against_cad(completed.body, completed.volume.surface),
+            "max_deviation": check_against_cad(completed.body, volume.surface),
         }
-        self.report["fem"] = {
-            **self.report["fem"],
-            "faces_covered": covered,
-            "face_tolerance": (self.analysis_body or completed.body.shape).getTolerance(
-                1, Part.Face
-            ),
-        }
-        self.analysis = build(arrays)
-        self.groups = [*arrays.volumes, *arrays.node_groups, *arrays.faces]
-        self.parts: dict[str, tuple[Any, int]] = {}
-        for part in ("Shell", "Core"):
-            alone = arrays.part(part)
-            self.parts[part] = (build(alone), len(alone.volumes[part][1]))
+        self.report["fem"] = {**self.report["fem"], **self.mesh.coverage.figures()}
 
 
 def insert(
@@ -172,7 +157,9 @@ def insert(
     return volumes
 
 
-def insert_mesh(doc: Any, fem: FiniteElementMesh, body: Any | None = None) -> Any:
+def insert_mesh(
+    doc: Any, fem: FiniteElementMesh, body: Any | None = None, surface: PatchSurface | None = None
+) -> Any:
     """Put a conforming mesh alone into a document, in one step of Undo.
 
     Parameters
@@ -180,7 +167,9 @@ def insert_mesh(doc: Any, fem: FiniteElementMesh, body: Any | None = None) -> An
     doc : App.Document
     fem : FiniteElementMesh
     body : App.DocumentObject, optional
-        The body that it belongs to.
+        The body that it belongs to, one solid.
+    surface : PatchSurface, optional
+        The body's surface; with it every node is measured against its CAD face.
 
     Returns
     -------
@@ -188,29 +177,125 @@ def insert_mesh(doc: Any, fem: FiniteElementMesh, body: Any | None = None) -> An
 
     Raises
     ------
-    FaultError
+    HybridVolumeError
         FreeCAD did not take the whole mesh, or does not find its nodes on the body's faces.
     """
-    arrays = arrays_of(fem)
-    if body is not None:
-        copy, _ = cover(arrays, global_shape(body))
-        if copy is not None:
-            raise FaultError(
-                "mesh nodes lie beside the body's faces by more than their tolerance",
-                figure=copy.getTolerance(1),
-                remedy="widen the body's tolerance with Shape.fixTolerance",
-            )
-    mesh = build(arrays)
+    read = _solid(body, 1) if body is not None else None
+    prepared = PreparedMesh(fem, read, surface)
+    if prepared.coverage is not None and prepared.coverage.copy is not None:
+        raise FaultError(
+            "mesh nodes lie beside the body's faces by more than their tolerance",
+            figure=prepared.coverage.tolerance,
+            remedy="widen the body's tolerance with Shape.fixTolerance",
+        )
     with transaction(doc, "Add the FEM mesh"):
         obj = make_mesh_object(doc, "FemMesh", AnalysisMesh)
         obj.Shape = body
-        obj.Order = "Second" if fem.order == 2 else "First"
-        obj.FemMesh = mesh
-        obj.Groups = [*arrays.volumes, *arrays.node_groups, *arrays.faces]
+        _set_density(obj, fem)
+        prepared.fill(obj)
+        if body is not None:
+            obj.ComputedFrom = inputs_of_mesh(obj)
         obj.Status = UP_TO_DATE
         if obj.ViewObject:
             obj.ViewObject.Visibility = True
     return obj
+
+
+def replace_mesh(
+    obj: Any,
+    volume: HybridVolume,
+    *,
+    result: str | os.PathLike | None = None,
+    report: Mapping[str, Any] | None = None,
+) -> Any:
+    """Give a hybrid volume of a document another mesh; its shell stays. One step of Undo.
+
+    Parameters
+    ----------
+    obj : App.DocumentObject
+        A hybrid volume, its mesh, another part of it, or its body.
+    volume : HybridVolume
+        What `HybridVolume.core.remesh.remesh` made of the one that the object stores. The
+        properties of the mesh object are set to its density and order.
+    result : path, optional
+        Where it is stored already; the document takes a copy.
+    report : mapping, optional
+        Its report, as in report.json; made here otherwise.
+
+    Returns
+    -------
+    App.DocumentObject
+        The mesh object: the same as before, so that analyses keep it. Groups that materials have
+        in it are made again; results of a solver still show the mesh that they were computed on.
+
+    Raises
+    ------
+    InputError
+        The body was changed since the shell was computed, or the volume has another shell.
+    HybridVolumeError
+        FreeCAD did not take the mesh, or does not find its nodes on the body's faces. The document
+        is as it was.
+    """
+    obj = volume_object_of(obj)
+    if obj.ComputedFrom.get("Source") != source_fingerprint(obj.Source):
+        raise InputError(
+            f"{obj.Label} is out of date: the body changed",
+            remedy="complete the hybrid volume again",
+        )
+    before = stored_volume(obj).shell
+    if not np.array_equal(before.layers, volume.shell.layers):
+        raise InputError(
+            f"the mesh belongs to another shell than that of {obj.Label}",
+            remedy="complete the hybrid volume again",
+        )
+    body = _solid(obj.Source, obj.Solid)
+    prepared = PreparedMesh(volume.fem, body, volume.surface)
+    if report is None:
+        from HybridVolume.report import volume_report
+
+        report = volume_report(volume, {}, {})
+    fem = {**report["fem"], **prepared.coverage.figures()}
+    fresh = flat({"interior": report["interior"], "interface": report["interface"], "fem": fem})
+    kept = ("interior.", "interface.", "fem.")
+    with transaction(obj.Document, "Mesh again"), tempfile.TemporaryDirectory() as folder:
+        if result is None:
+            result = os.path.join(folder, "result.npz")
+            volume.save(result)
+        _set_density(obj.FemMesh, volume.fem)
+        obj.FemMesh.Shape = _analysis_body(obj, body, prepared)
+        prepared.fill(obj.FemMesh)
+        prepared.fill_parts(obj)
+        include(obj, "Result", result)
+        obj.Report = {k: v for k, v in obj.Report.items() if not k.startswith(kept)} | fresh
+        made = {k: v for k, v in current_inputs(obj).items() if k.startswith("FemMesh.")}
+        rest = {k: v for k, v in obj.ComputedFrom.items() if not k.startswith("FemMesh.")}
+        obj.ComputedFrom = {**rest, **made}
+        obj.Document.recompute()
+        update_status(obj)
+    return obj.FemMesh
+
+
+def _solid(source: Any, number: int) -> Body:
+    """One solid of a document object.
+
+    Raises
+    ------
+    InputError
+        It is refused, or there is none of this number.
+    """
+    bodies = read_object(source)
+    if number > len(bodies):
+        raise InputError(f"{source.Label} has no solid {number}", remedy="choose another body")
+    if bodies[number - 1].error is not None:
+        raise bodies[number - 1].error
+    return bodies[number - 1]
+
+
+def _set_density(obj: Any, fem: FiniteElementMesh) -> None:
+    """Let the properties of a mesh object ask for the mesh that it has."""
+    parameters = mesh_parameters_of(fem)
+    obj.Order = parameters["FemMesh.Order"]
+    density.set_values(obj, mesh_values(parameters))
 
 
 def save_new(prepared: Sequence[Prepared], path: str | os.PathLike) -> None:
@@ -233,13 +318,29 @@ def save_new(prepared: Sequence[Prepared], path: str | os.PathLike) -> None:
             raise FaultError(f"FreeCAD did not write {path}")
     finally:
         FreeCAD.closeDocument(doc.Name)
+    _check_saved(path, prepared)
+
+
+def _check_saved(path: str | os.PathLike, prepared: Sequence[Prepared]) -> None:
+    """Open a document again and compare its meshes with what they were made of."""
+    doc = FreeCAD.openDocument(str(path), hidden=True)
+    try:
+        volumes = [obj for obj in doc.Objects if hasattr(obj, "AnalysisBody")]
+        if len(volumes) != len(prepared):
+            raise FaultError(f"{path} has {len(volumes)} hybrid volumes, not {len(prepared)}")
+        for obj, one in zip(volumes, prepared, strict=True):
+            wrong = one.mesh.differences(obj)
+            if wrong:
+                raise FaultError(f"FreeCAD did not store the whole mesh: {'; '.join(wrong)}")
+    finally:
+        FreeCAD.closeDocument(doc.Name)
 
 
 def _make_parts(doc: Any, obj: Any) -> None:
     """Make what a volume has not yet."""
     if obj.Midstructure is None:
         obj.Midstructure = make_midstructure(doc)
-    for part in ("Shell", "Core"):
+    for part in PARTS:
         if getattr(obj, part) is None:
             setattr(obj, part, make_mesh_object(doc, part, PartMesh))
     if obj.InnerBoundary is None:
@@ -263,14 +364,10 @@ def _fill(doc: Any, obj: Any, prepared: Prepared, *, keep_decisions: bool) -> No
     if one.geometry is not None:
         obj.Midstructure.Geometry = [_geometry_object(doc, one)]
     obj.FemMesh.Order = parameters["FemMesh.Order"]
-    obj.FemMesh.Density = parameters["FemMesh.Density"]
-    obj.FemMesh.Shape = _analysis_body(obj, prepared)
-    obj.FemMesh.FemMesh = prepared.analysis
-    obj.FemMesh.Groups = prepared.groups
-    for part, (mesh, count) in prepared.parts.items():
-        child = getattr(obj, part)
-        child.FemMesh = mesh
-        child.Elements = count
+    density.set_values(obj.FemMesh, mesh_values(parameters))
+    obj.FemMesh.Shape = _analysis_body(obj, one.body, prepared.mesh)
+    prepared.mesh.fill(obj.FemMesh)
+    prepared.mesh.fill_parts(obj)
     _fill_midstructure(obj.Midstructure, prepared)
     include(obj, "Result", one.result)
     obj.Report = flat(prepared.report)
@@ -300,25 +397,28 @@ def _geometry_object(doc: Any, completed: Completed) -> Any:
     return obj
 
 
-def _analysis_body(obj: Any, prepared: Prepared) -> Any:
+def _analysis_body(obj: Any, body: Body, prepared: PreparedMesh) -> Any:
     """The object that loads and supports go on: the source, or a copy with a wider tolerance.
 
-    A source without a shape of its own (a container of parts) gets a copy too.
+    A source without a shape of its own (a container of parts) gets a copy too. A copy stays where
+    loads or supports are on it.
     """
-    doc = obj.Document
-    shape = prepared.analysis_body
-    if shape is None and not hasattr(obj.Source, "Shape"):
-        shape = prepared.completed.body.shape
+    doc, held = obj.Document, obj.AnalysisBody
+    shape = prepared.coverage.copy
+    used = held is not None and any(one not in (obj, obj.FemMesh) for one in held.InList)
+    if shape is None and (used or not hasattr(obj.Source, "Shape")):
+        shape = body.shape
     if shape is None:
-        if obj.AnalysisBody:
-            doc.removeObject(obj.AnalysisBody.Name)
+        if held is not None:
+            obj.FemMesh.Shape = None
+            doc.removeObject(held.Name)
         return obj.Source
-    if obj.AnalysisBody is None:
-        obj.AnalysisBody = doc.addObject("Part::Feature", "AnalysisBody")
-        obj.AnalysisBody.Label = f"{prepared.completed.body.name} for analysis"
-        obj.AnalysisBody.Visibility = False
-    obj.AnalysisBody.Shape = shape
-    return obj.AnalysisBody
+    if held is None:
+        held = obj.AnalysisBody = doc.addObject("Part::Feature", "AnalysisBody")
+        held.Label = f"{body.name} for analysis"
+        held.Visibility = False
+    held.Shape = shape
+    return held
 
 
 def _fill_midstructure(obj: Any, prepared: Prepared) -> None:

@@ -14,22 +14,17 @@ from typing import TYPE_CHECKING, Any
 
 import Fem
 import numpy as np
-import Part
 
 from HybridVolume.core.element_jacobians import scaled_jacobian
 from HybridVolume.core.elements import from_order, to_order
 from HybridVolume.errors import FaultError
 
+from . import density
 from .properties import DocumentObject, Property
+from .volume import mesh_inputs, mesh_parameters, source_fingerprint, status_of_inputs
 
 if TYPE_CHECKING:
     from HybridVolume.core.finite_elements import FiniteElementMesh
-
-SAMPLED_NODES = 500
-"""Nodes that are looked for on the CAD faces altogether: each costs OCC about 2 ms."""
-
-WIDEST = 1e-5
-"""Widest tolerance of a face that is used, as a share of the body's diagonal."""
 
 
 @dataclass(frozen=True)
@@ -87,43 +82,92 @@ def build(arrays: MeshArrays) -> Any:
     for number, (x, y, z) in enumerate(arrays.nodes.tolist(), start=1):
         mesh.addNode(x, y, z, number)
     groups: list[tuple[str, str, Sequence[int]]] = []
-    next_id = 1
-    # Faces come first: saving numbers faces before volumes too, so the numbers stay the same.
+    numbers = element_numbers(arrays)
     for element, table, add in (
         ("Face", arrays.faces, mesh.addFace),
         ("Volume", arrays.volumes, mesh.addVolume),
     ):
         for name, (kind, connectivity) in table.items():
-            for row in (to_order("freecad", kind, connectivity) + 1).tolist():
-                add(row, next_id)
-                next_id += 1
-            groups.append((name, element, range(next_id - len(connectivity), next_id)))
+            rows = (to_order("freecad", kind, connectivity) + 1).tolist()
+            for row, number in zip(rows, numbers[name], strict=True):
+                add(row, number)
+            groups.append((name, element, numbers[name]))
     for name, members in arrays.node_groups.items():
         groups.append((name, "Node", (np.asarray(members) + 1).tolist()))
     for name, element, members in groups:
         # FreeCAD forgets empty groups when it stores a mesh.
         if len(members):
             mesh.addGroupElements(mesh.addGroup(name, element), list(members))
-    _check_counts(mesh, arrays, groups)
+    wrong = differences(mesh, arrays)
+    if wrong:
+        raise FaultError(f"FreeCAD did not take the whole mesh: {'; '.join(wrong)}")
     return mesh
 
 
-def _check_counts(mesh: Any, arrays: MeshArrays, groups: list) -> None:
-    expected = {
-        "NodeCount": len(arrays.nodes),
-        "VolumeCount": sum(len(c) for _, c in arrays.volumes.values()),
-        "FaceCount": sum(len(c) for _, c in arrays.faces.values()),
-    }
-    for name, count in expected.items():
-        if getattr(mesh, name) != count:
-            raise FaultError(f"FreeCAD's mesh has {name} {getattr(mesh, name)}, not {count}")
-    members = {mesh.getGroupName(g): len(mesh.getGroupElements(g)) for g in mesh.Groups}
-    for name, _, wanted in groups:
-        if members.get(name, 0) != len(wanted):
-            raise FaultError(
-                f"group {name} of FreeCAD's mesh has {members.get(name, 0)} members, "
-                f"not {len(wanted)}"
+def differences(mesh: Any, arrays: MeshArrays) -> list[str]:
+    """What of a ``Fem.FemMesh`` is not as in the arrays that it was built of.
+
+    Coordinates are compared bit for bit, elements node by node, groups member by member.
+
+    Parameters
+    ----------
+    mesh : Fem.FemMesh
+        As it was built, or as it came back from a file.
+    arrays : MeshArrays
+
+    Returns
+    -------
+    list of str
+        A few words on each difference; empty when there is none.
+    """
+    wrong = []
+    nodes, given = mesh.Nodes, arrays.nodes.tolist()
+    if len(nodes) != len(given):
+        wrong.append(f"{len(nodes)} nodes, not {len(given)}")
+    else:
+        moved = sum(
+            number not in nodes or tuple(nodes[number]) != tuple(point)
+            for number, point in enumerate(given, start=1)
+        )
+        if moved:
+            wrong.append(f"{moved} nodes elsewhere")
+    groups = {mesh.getGroupName(g): set(mesh.getGroupElements(g)) for g in mesh.Groups}
+    numbers = element_numbers(arrays)
+    for held, table in ((mesh.Faces, arrays.faces), (mesh.Volumes, arrays.volumes)):
+        kind = "faces" if table is arrays.faces else "volumes"
+        count = sum(len(rows) for _, rows in table.values())
+        if len(held) != count:
+            wrong.append(f"{len(held)} {kind}, not {count}")
+            continue
+        for name, (element, rows) in table.items():
+            expected = (to_order("freecad", element, rows) + 1).tolist()
+            turned = sum(
+                list(mesh.getElementNodes(number)) != nodes_of
+                for number, nodes_of in zip(numbers[name], expected, strict=True)
             )
+            if turned:
+                wrong.append(f"{turned} {kind} of {name} with other nodes")
+    members = {name: set(range_) for name, range_ in numbers.items()}
+    members |= {name: set((rows + 1).tolist()) for name, rows in arrays.node_groups.items()}
+    for name, expected in members.items():
+        if groups.get(name, set()) != expected:
+            wrong.append(
+                f"{len(groups.get(name, ()))} members of group {name}, not {len(expected)}"
+                if len(groups.get(name, ())) != len(expected)
+                else f"other members of group {name}"
+            )
+    return wrong
+
+
+def element_numbers(arrays: MeshArrays) -> dict[str, range]:
+    """Numbers of FreeCAD's elements by group: faces come first, all in the arrays' order."""
+    # Saving numbers faces before volumes too, so the numbers stay the same.
+    numbers, following = {}, 1
+    for table in (arrays.faces, arrays.volumes):
+        for name, (_, rows) in table.items():
+            numbers[name] = range(following, following + len(rows))
+            following += len(rows)
+    return numbers
 
 
 def element_quality(mesh: Any) -> dict[int, float]:
@@ -141,100 +185,6 @@ def element_quality(mesh: Any) -> dict[int, float]:
         values = scaled_jacobian(kind, points[connectivity])
         quality.update(zip(table, values.tolist(), strict=True))
     return quality
-
-
-def uncovered_faces(
-    arrays: MeshArrays, shape: Any, budget: int | None = SAMPLED_NODES
-) -> dict[str, tuple[int, int]]:
-    """Faces of a shape on which FreeCAD does not find the mesh's nodes.
-
-    A load or support on such a face would act on nothing, without a message. Nodes are looked for
-    as the FEM workbench does.
-
-    Parameters
-    ----------
-    arrays : MeshArrays
-        With a group of faces ``FaceN`` for every face of the shape.
-    shape : Part.Shape
-    budget : int or None
-        Nodes to look for altogether, spread evenly over each face's; None: all.
-
-    Returns
-    -------
-    dict
-        Face name to (nodes found, nodes looked for); empty when all is well.
-    """
-    bad = {}
-    share = None if budget is None else max(4, budget // max(1, len(shape.Faces)))
-    for number, face in enumerate(shape.Faces, start=1):
-        name = f"Face{number}"
-        if name not in arrays.faces:
-            bad[name] = (0, 0)
-            continue
-        known = _spread(arrays, name, share)
-        # A mesh of these nodes only: every node in the face's box costs time.
-        probe = Fem.FemMesh()
-        for node, (x, y, z) in enumerate(arrays.nodes[known].tolist(), start=1):
-            probe.addNode(x, y, z, node)
-        found = len(probe.getNodesByFace(face))
-        if found != len(known):
-            bad[name] = (found, len(known))
-    return bad
-
-
-def cover(arrays: MeshArrays, shape: Any) -> tuple[Any | None, int]:
-    """Make sure that FreeCAD finds the mesh's nodes on every face of a body.
-
-    Parameters
-    ----------
-    arrays : MeshArrays
-    shape : Part.Shape
-
-    Returns
-    -------
-    copy : Part.Shape or None
-        None where the shape serves as it is, else a copy whose faces have a tolerance wide enough.
-    faces : int
-        Number of faces.
-
-    Raises
-    ------
-    FaultError
-        Nodes lie too far from a face; the error names the faces.
-    """
-    bad = uncovered_faces(arrays, shape)
-    if not bad:
-        return None, len(shape.Faces)
-    off = max(_distance(arrays, shape, name) for name in bad)
-    tolerance = max(1e-6, 2.0 * off)
-    if tolerance <= WIDEST * shape.BoundBox.DiagonalLength:
-        copy = shape.copy()
-        copy.fixTolerance(tolerance)
-        if not uncovered_faces(arrays, copy):
-            return copy, len(shape.Faces)
-    raise FaultError(
-        f"mesh nodes lie up to {off:.2g} mm beside the CAD faces; loads on them would be lost",
-        faces=tuple(bad),
-        figure=off,
-        remedy="heal the body and run again",
-    )
-
-
-def _distance(arrays: MeshArrays, shape: Any, name: str) -> float:
-    """Largest distance of a face's nodes from it, mm."""
-    if name not in arrays.faces:
-        return np.inf
-    face = shape.Faces[int(name.removeprefix("Face")) - 1]
-    points = arrays.nodes[_spread(arrays, name, SAMPLED_NODES)]
-    return max(Part.Vertex(*point).distToShape(face)[0] for point in points.tolist())
-
-
-def _spread(arrays: MeshArrays, name: str, count: int | None) -> np.ndarray:
-    """Nodes on a face, at most ``count`` of them, spread evenly."""
-    known = np.unique(arrays.faces[name][1])
-    if count is not None and len(known) > count:
-        known = known[np.linspace(0, len(known) - 1, count).round().astype(int)]
-    return known
 
 
 _STATUS = Property("App::PropertyString", "Base", "Up to date, or why not.", mode=("ReadOnly",))
@@ -261,6 +211,7 @@ class AnalysisMesh(DocumentObject):
     """Proxy of the conforming mesh of shell and core for an analysis."""
 
     Type = "HybridVolume::AnalysisMesh"
+    SCHEMA = 2
     PROPERTIES = {
         # FEM looks for a link of this name.
         "Shape": Property("App::PropertyLink", "Mesh", "The body that was meshed."),
@@ -270,18 +221,39 @@ class AnalysisMesh(DocumentObject):
             "Order of the elements: 15-node wedges and 10-node tets (Second), or 6 and 4 nodes.",
             choices=("Second", "First"),
         ),
-        "Density": Property(
-            "App::PropertyEnumeration",
-            "Mesh",
-            "Where the nodes on the interface of shell and core lie: at the knots, or at the "
-            "Greville abscissae.",
-            choices=("knots", "greville"),
-        ),
+        **density.PROPERTIES,
         "Groups": Property(
             "App::PropertyStringList", "Mesh", "Groups of the mesh.", mode=("ReadOnly",)
         ),
+        "ComputedFrom": Property(
+            "App::PropertyMap",
+            "Mesh",
+            "What a mesh without a hybrid volume was made from.",
+            mode=("ReadOnly", "Hidden"),
+        ),
         "Status": _STATUS,
     }
+
+    def ensure_properties(self, obj: Any) -> None:
+        """Add what is absent, and hide what does not count."""
+        super().ensure_properties(obj)
+        density.show_relevant(obj)
+
+    def onChanged(self, obj: Any, name: str) -> None:
+        """Show the properties that count for what was selected."""
+        if name == "Density" and set(density.DEFAULTS) <= set(obj.PropertiesList):
+            density.show_relevant(obj)
+
+    def execute(self, obj: Any) -> None:
+        """Mark a mesh that belongs to no hybrid volume where its body or density changed."""
+        if obj.ComputedFrom:
+            obj.Status = status_of_inputs(obj.ComputedFrom, inputs_of_mesh(obj))
+
+
+def inputs_of_mesh(obj: Any) -> dict[str, str]:
+    """What the mesh of a mesh object would be made from now, as text by name."""
+    values = mesh_parameters(obj)
+    return {**mesh_inputs(values), "Source": source_fingerprint(obj.Shape)}
 
 
 def make_mesh_object(doc: Any, name: str, proxy: type[DocumentObject]) -> Any:

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any
 from HybridVolume.errors import InputError
 from HybridVolume.sources import global_shape
 
-from . import midstructure, thickness
+from . import density, midstructure, thickness
 from .fingerprint import fingerprint
 from .midstructure import UP_TO_DATE
 from .properties import DocumentObject, Property, transaction
 
 if TYPE_CHECKING:
+    from HybridVolume.core.finite_elements import FiniteElementMesh
     from HybridVolume.core.hybrid import HybridVolume
 
 _PARAMETERS = "Parameters"
@@ -32,7 +33,7 @@ class VolumeObject(DocumentObject):
     """Proxy of the hybrid volume. A recompute compares and marks; the long work is a job."""
 
     Type = "HybridVolume::Volume"
-    SCHEMA = 2
+    SCHEMA = 3
     PROPERTIES = {
         "Source": Property("App::PropertyLink", _PARAMETERS, "The body: closed, of NURBS faces."),
         "Solid": Property(
@@ -113,6 +114,8 @@ class VolumeObject(DocumentObject):
         if version < 2 and obj.ComputedFrom:
             values = {**thickness.DEFAULTS, "W0": obj.W0}
             obj.ComputedFrom = {**thickness.relevant(values), **obj.ComputedFrom}
+        if version < 3 and obj.ComputedFrom:
+            obj.ComputedFrom = {**mesh_inputs(_MESH), **obj.ComputedFrom}
 
     def onChanged(self, obj: Any, name: str) -> None:
         """Show the properties that count for what was selected."""
@@ -159,7 +162,8 @@ def start(doc: Any, source: Any, solid: int = 1) -> Any:
 
 
 _OWN = {**thickness.DEFAULTS, "Tolerance": VolumeObject.PROPERTIES["Tolerance"].default}
-_MESH = {"FemMesh.Order": "Second", "FemMesh.Density": "knots"}
+_FEM = "FemMesh."
+_MESH = {f"{_FEM}Order": "Second", **{f"{_FEM}{k}": v for k, v in density.DEFAULTS.items()}}
 _MIDSTRUCTURE = "Midstructure."
 GEOMETRY = "Midstructure.Geometry"
 
@@ -180,9 +184,14 @@ def current_parameters(obj: Any) -> dict[str, Any]:
         if child.Method == "own":
             values[GEOMETRY] = midstructure.geometry_fingerprint(child.Geometry)
     if obj.FemMesh:
-        values["FemMesh.Order"] = obj.FemMesh.Order
-        values["FemMesh.Density"] = obj.FemMesh.Density
+        values |= mesh_parameters(obj.FemMesh)
     return complete_parameters(values)
+
+
+def mesh_parameters(mesh: Any) -> dict[str, Any]:
+    """What the mesh of a mesh object would be made with now, by the names of a hybrid volume's."""
+    values = {"Order": mesh.Order, **density.values_of(mesh)}
+    return {f"{_FEM}{name}": value for name, value in values.items()}
 
 
 def complete_parameters(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -198,8 +207,21 @@ def inputs_of(parameters: Mapping[str, Any]) -> dict[str, str]:
     found = {name: values[f"{_MIDSTRUCTURE}{name}"] for name in midstructure.PARAMETERS}
     relevant = midstructure.relevant(found)
     texts |= {f"{_MIDSTRUCTURE}{name}": text for name, text in relevant.items()}
-    texts |= {name: str(values[name]) for name in (*_MESH, GEOMETRY) if name in values}
+    texts |= mesh_inputs(values)
+    if GEOMETRY in values:
+        texts[GEOMETRY] = str(values[GEOMETRY])
     return texts
+
+
+def mesh_inputs(values: Mapping[str, Any]) -> dict[str, str]:
+    """Parameters of the mesh as text by name, only those that it depends on."""
+    texts = {"Order": values[f"{_FEM}Order"], **density.relevant(mesh_values(values))}
+    return {f"{_FEM}{name}": text for name, text in texts.items()}
+
+
+def mesh_values(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Values of :data:`density.DEFAULTS` among the parameters of a hybrid volume."""
+    return {name: parameters[f"{_FEM}{name}"] for name in density.DEFAULTS}
 
 
 def current_inputs(obj: Any) -> dict[str, str]:
@@ -238,7 +260,7 @@ def options_of(parameters: Mapping[str, Any]) -> dict[str, Any]:
         "depth": values["Midstructure.Depth"],
         "decisions": list(values["Midstructure.Decisions"]),
         "order": 2 if values["FemMesh.Order"] == "Second" else 1,
-        "nodes": values["FemMesh.Density"],
+        **density.options_of(mesh_values(values)),
     }
 
 
@@ -261,9 +283,17 @@ def parameters_of(volume: HybridVolume) -> dict[str, Any]:
         "Tolerance": _OWN["Tolerance"],
         **found,
         "Midstructure.Method": search.get("asked", "auto"),
-        "FemMesh.Order": "Second" if volume.fem.order == 2 else "First",
-        "FemMesh.Density": volume.interface.nodes,
+        **mesh_parameters_of(volume.fem),
     }
+
+
+def mesh_parameters_of(fem: FiniteElementMesh) -> dict[str, Any]:
+    """What the parameters of a mesh were when it was made, by the names of a hybrid volume's."""
+    values = {
+        "Order": "Second" if fem.order == 2 else "First",
+        **density.density_parameters(fem.density),
+    }
+    return {f"{_FEM}{name}": value for name, value in values.items()}
 
 
 def source_fingerprint(source: Any) -> str:
@@ -278,7 +308,21 @@ def changes(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
     if not {"Midstructure.Method", *thickness.SELECTORS}.isdisjoint(names):
         # another method looks at other parameters: the method says it all
         names = [name for name in names if name in before and name in now]
+    if any(name.startswith(_FEM) and name in before and name in now for name in names):
+        # what counts only beside another value of the mesh says nothing new
+        names = [n for n in names if not n.startswith(_FEM) or (n in before and n in now)]
     return names
+
+
+def remesh_suffices(obj: Any) -> bool:
+    """Whether a result is out of date only in its finite elements: the shell can stay."""
+    if not obj.Result or "Midstructure.Decisions" not in obj.ComputedFrom:
+        return False
+    try:
+        names = changes(obj.ComputedFrom, current_inputs(obj))
+    except InputError:
+        return False
+    return bool(names) and all(name.startswith(_FEM) for name in names)
 
 
 def update_status(obj: Any) -> None:
@@ -290,15 +334,21 @@ def update_status(obj: Any) -> None:
     else:
         try:
             thickness.face_factors(obj.FaceFactors)
+            if obj.FemMesh:
+                density.density_of(mesh_values(mesh_parameters(obj.FemMesh)))
         except InputError as error:
             status = f"Failed: {error.line}"
         else:
-            changed = changes(obj.ComputedFrom, current_inputs(obj))
-            words = ["the body" if name == "Source" else name for name in changed]
-            status = f"Out of date: {', '.join(words)} changed" if words else UP_TO_DATE
+            status = status_of_inputs(obj.ComputedFrom, current_inputs(obj))
     set_status(obj, status)
     if obj.Midstructure:
         midstructure.update_choice(obj.Midstructure)
+
+
+def status_of_inputs(before: Mapping[str, str], now: Mapping[str, str]) -> str:
+    """Whether a result that was computed from other inputs is up to date, and why not."""
+    words = ["the body" if name == "Source" else name for name in changes(before, now)]
+    return f"Out of date: {', '.join(words)} changed" if words else UP_TO_DATE
 
 
 def set_status(obj: Any, status: str) -> None:
