@@ -1,0 +1,245 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""Patch tests of finite element meshes through CalculiX.
+
+All nodes of the outer boundary get a displacement that is linear in space. A mesh that conforms
+then has the same stress everywhere; how far the stress at CalculiX's Gauss points is from it tells
+gaps, wrong nodes and wrong elements, and also where CalculiX does not integrate exactly.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from HybridVolume.core.density import Density
+from HybridVolume.core.element_jacobians import prove_positive
+from HybridVolume.core.elements import EDGES, quadrature, reference, shape_gradients
+from HybridVolume.core.recovery import Material
+from HybridVolume.core.remesh import remesh
+from HybridVolume.errors import HybridVolumeError
+
+from .calculix import solve
+from .fem_mesh import Meshed
+
+if TYPE_CHECKING:
+    from HybridVolume.core.hybrid import HybridVolume
+
+MATERIAL = Material(210_000.0, 0.3)
+SIZE_OF_STRAIN = 1e-3
+LARGEST = 50_000
+"""Nodes up to which a body is solved again with every cell cut in two."""
+_LINEAR = {"tet10": "tet4", "penta15": "penta6", "tri6": "tri3"}
+_SIXTH, _ROOT = 1.0 / 6.0, 0.5 * np.sqrt(0.6)
+
+
+def make(volume: HybridVolume, progress: Callable[[float, str], None]) -> dict[str, Any]:
+    """Figures of the patch tests of a body, under the names of fem.json.
+
+    Parameters
+    ----------
+    volume : HybridVolume
+    progress : callable
+        Called with the share of the work and a text.
+
+    Returns
+    -------
+    dict
+        ``rows``: one mesh each, as of `patch_row`; ``conforming``: as of `unbalanced` for the
+        curved mesh, by exact integration and by CalculiX's points.
+    """
+    fem = volume.fem
+    curved = Meshed.of(fem)
+    rows = []
+
+    def add(share: float, name: str, mesh: Callable[[], Meshed]) -> None:
+        progress(share, name)
+        try:
+            rows.append(patch_row(name, mesh()))
+        except HybridVolumeError as error:
+            rows.append({"mesh": name, "error": error.line})
+
+    add(0.0, "curved", lambda: curved)
+    add(0.2, "straight", lambda: straightened(curved))
+    add(0.35, "first order", lambda: first_order(curved))
+    if 8 * len(fem.nodes) <= 2 * LARGEST:
+        finer = Density(subdivide=2 * max(fem.density.subdivide, 1))
+        add(0.5, "curved, cells in two", lambda: Meshed.of(remesh(volume, finer).fem))
+    add(0.8, "Netgen, curved", lambda: _netgen(volume))
+    return {
+        "nodes": len(fem.nodes),
+        "wedges": len(fem.wedges),
+        "tets": len(fem.tets),
+        "min_scaled_jacobian": fem.min_scaled_jacobian,
+        "rows": rows,
+        "conforming": {
+            "exact": unbalanced(curved, exact_rule),
+            "calculix": unbalanced(curved, calculix_rule),
+        },
+    }
+
+
+def _netgen(volume: HybridVolume) -> Meshed:
+    """Curved tets of about as many nodes, for comparison."""
+    from .fem_rivals import Sizes, tet10_mesh
+
+    # edges of as many equal tets of the body's volume, ten or so nodes to seven tets
+    size = 2.0 * (volume.surface.volume() / len(volume.fem.nodes)) ** (1.0 / 3.0)
+    return tet10_mesh(volume.surface, Sizes(size), mesher="netgen")
+
+
+def patch_row(name: str, mesh: Meshed) -> dict[str, Any]:
+    """Solve one patch test.
+
+    Returns
+    -------
+    dict
+        ``mesh``, ``nodes``, ``elements`` by kind, ``max`` and ``rms`` of the deviation over all
+        Gauss points, the same by kind as ``by_kind``, ``displacement`` (largest deviation over the
+        largest displacement) and ``seconds_cpu``.
+    """
+    row: dict[str, Any] = {
+        "mesh": name,
+        "nodes": len(mesh.nodes),
+        "elements": {kind: len(rows) for kind, rows in mesh.elements},
+        "unproved": unproved(mesh),
+    }
+    started = time.process_time()
+    gradient = random_gradient()
+    x = mesh.nodes - mesh.nodes.mean(axis=0)
+    exact = x @ gradient.T
+    outside = mesh.face_nodes(*mesh.faces)
+    prescribed = np.full_like(exact, np.nan)
+    prescribed[outside] = exact[outside]
+    found = solve(mesh.nodes, mesh.elements, MATERIAL, prescribed)
+    stress = stress_of(gradient)
+    apart = {
+        kind: size_of(values - stress) / size_of(stress)
+        for (kind, _), values in zip(mesh.elements, found.gauss_stress, strict=True)
+    }
+    every = np.concatenate([values.ravel() for values in apart.values()])
+    return {
+        **row,
+        "max": float(every.max()),
+        "rms": float(np.sqrt(np.mean(every**2))),
+        "by_kind": {kind: float(values.max()) for kind, values in apart.items()},
+        "displacement": float(np.abs(found.displacement - exact).max() / np.abs(exact).max()),
+        "warnings": list(found.warnings),
+        "seconds_cpu": time.process_time() - started,
+    }
+
+
+def random_gradient() -> np.ndarray:
+    """Gradient of the displacement, (3, 3): the same for all."""
+    return SIZE_OF_STRAIN * np.random.default_rng(5).normal(size=(3, 3))
+
+
+def stress_of(gradient: np.ndarray) -> np.ndarray:
+    """Stress of a gradient, (6,), MPa."""
+    strain = 0.5 * (gradient + gradient.T)
+    return MATERIAL.stress(strain[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+
+
+def size_of(stress: np.ndarray) -> np.ndarray:
+    """Frobenius norm of (..., 6) components."""
+    return np.sqrt(np.sum(stress[..., :3] ** 2, axis=-1) + 2.0 * np.sum(stress[..., 3:] ** 2, -1))
+
+
+def unproved(mesh: Meshed) -> int:
+    """Elements whose Jacobian is not proved positive."""
+    proofs = [prove_positive(kind, mesh.nodes[rows]).proved for kind, rows in mesh.elements]
+    return int(sum(np.count_nonzero(~proved) for proved in proofs))
+
+
+def straightened(mesh: Meshed) -> Meshed:
+    """The same mesh with every mid node in the middle of its edge."""
+    nodes = mesh.nodes.copy()
+    for kind, rows in mesh.elements:
+        corners = reference(kind).corners
+        ends = np.array(EDGES[kind])
+        nodes[rows[:, corners:]] = 0.5 * (nodes[rows[:, ends[:, 0]]] + nodes[rows[:, ends[:, 1]]])
+    return Meshed(nodes, mesh.elements, mesh.faces, mesh.name)
+
+
+def first_order(mesh: Meshed) -> Meshed:
+    """The same corners without mid nodes."""
+
+    def cut(group: tuple[str, np.ndarray]) -> tuple[str, np.ndarray]:
+        kind, rows = group
+        return _LINEAR[kind], rows[:, : reference(kind).corners]
+
+    elements = [cut(group) for group in mesh.elements]
+    faces = {name: cut(group) for name, group in mesh.faces.items()}
+    used = np.unique(np.concatenate([rows.ravel() for _, rows in elements]))
+    number = np.full(len(mesh.nodes), -1)
+    number[used] = np.arange(len(used))
+    return Meshed(
+        mesh.nodes[used],
+        tuple((kind, number[rows]) for kind, rows in elements),
+        {name: (kind, number[rows]) for name, (kind, rows) in faces.items()},
+        mesh.name,
+    )
+
+
+Rule = Callable[[str], tuple[np.ndarray, np.ndarray]]
+
+
+@cache
+def exact_rule(kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """A rule that integrates the nodal forces of a constant stress in a curved element exactly."""
+    return quadrature(kind.rstrip("0123456789"), 3)
+
+
+@cache
+def calculix_rule(kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """CalculiX's points: 4 in a ten-node tet, 3 times 3 in a 15-node wedge."""
+    if kind == "tet10":
+        far, near = 0.25 * (1.0 + 0.6 * np.sqrt(5.0)), 0.25 * (1.0 - 0.2 * np.sqrt(5.0))
+        return near + (far - near) * np.eye(4)[:, 1:], np.full(4, 1.0 / 24.0)
+    if kind == "penta15":
+        triangle = np.array([[1.0, 1.0], [4.0, 1.0], [1.0, 4.0]]) * _SIXTH
+        height = 0.5 + _ROOT * np.array([-1.0, 0.0, 1.0])
+        points = [[*place, w] for w in height for place in triangle]
+        return np.array(points), np.repeat([5.0, 8.0, 5.0], 3) / 108.0
+    raise ValueError(f"no rule for {kind!r}")
+
+
+def unbalanced(mesh: Meshed, rule: Rule) -> float:
+    """How far the nodal forces of a constant stress are from balance inside the body.
+
+    At an inner node the integrals of its shape function's gradient over all elements around it add
+    up to nothing, if the elements share their faces.
+
+    Parameters
+    ----------
+    mesh : Meshed
+        Of second order.
+    rule : callable
+        Points and weights for a kind of element.
+
+    Returns
+    -------
+    float
+        The largest sum over the largest sum of absolute values.
+    """
+    total, absolute = np.zeros((2, len(mesh.nodes), 3))
+    for kind, rows in mesh.elements:
+        points, weights = rule(kind)
+        gradients = shape_gradients(kind, points)
+        for part in np.array_split(rows, 1 + len(rows) // 5000):
+            x = np.einsum("qnd,enc->eqcd", gradients, mesh.nodes[part], optimize=True)
+            # the matrix of cofactors turns gradients and volumes into those of space
+            cofactor = np.stack(
+                [np.cross(x[..., (d + 1) % 3], x[..., (d + 2) % 3]) for d in range(3)], axis=-1
+            )
+            share = np.einsum("q,eqcd,qnd->enc", weights, cofactor, gradients, optimize=True)
+            for axis in range(3):
+                flat, values = part.ravel(), share[..., axis].ravel()
+                total[:, axis] += np.bincount(flat, values, len(total))
+                absolute[:, axis] += np.bincount(flat, np.abs(values), len(total))
+    inside = np.setdiff1d(np.arange(len(mesh.nodes)), mesh.face_nodes(*mesh.faces))
+    return float(np.abs(total[inside]).max() / absolute[inside].max())
