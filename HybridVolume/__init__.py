@@ -11,6 +11,7 @@ What macros and scripts use::
                                    spacing="first 0.2 mm")
     volume.report["sentence"], volume.report["faces"]    # what was reached
     mesh = HybridVolume.to_fem(volume, FreeCAD.ActiveDocument)
+    finer = HybridVolume.remesh(volume, size=1.0, face_sizes={"Face3": 0.2})
     HybridVolume.export_mesh(volume, "fandisk.med")      # or .inp, .unv, .msh, .vtu
 
     mid = HybridVolume.edit_midstructure(FreeCAD.ActiveDocument.getObject("Midstructure"))
@@ -38,6 +39,7 @@ _FUNCTIONS = (
     "medial_axis",
     "read_step",
     "recover_stress",
+    "remesh",
     "to_document",
     "to_fem",
 )

@@ -94,8 +94,9 @@ def complete(
     python : str, optional
         Interpreter of the worker.
     **options
-        Further options of :class:`HybridVolume.core.pipeline.Options`, such as ``midstructure``
-        and ``decisions=("remove Face3+Face9",)``.
+        Further options of :class:`HybridVolume.core.pipeline.Options`, such as ``midstructure``,
+        ``decisions=("remove Face3+Face9",)``, or of the finite elements ``order``, ``size=2.0``
+        and ``face_sizes={"Face3": 0.5}``.
 
     Returns
     -------
@@ -282,6 +283,55 @@ def to_fem(volume: HybridVolume, doc: Any, order: int = 2, body: Any | None = No
     if fem.order != order:
         fem = conforming_mesh(volume.shell, volume.interface, volume.interior, order)
     return document.insert_mesh(doc, fem, body)
+
+
+def remesh(
+    volume: Any,
+    *,
+    progress: Callable[[Progress], None] | None = None,
+    python: str | None = None,
+    engine: str = "auto",
+    **values: Any,
+) -> Any:
+    """Give a hybrid volume another finite element mesh; its shell stays as it is.
+
+    Parameters
+    ----------
+    volume : HybridVolume or App.DocumentObject
+        An object is a hybrid volume, one of its parts such as its mesh, or the body it was made of.
+    progress : callable, optional
+        Called with a :class:`HybridVolume.job.Progress` now and then.
+    python : str, optional
+        Interpreter of the worker.
+    engine : {"auto", "netgen", "gmsh"}
+        Mesher of the core.
+    **values
+        ``order`` (1 or 2), ``nodes``, ``subdivide`` (parts of the shell's elements), ``size``
+        (mm), ``face_sizes`` (mm by face, ``{"Face3": 0.5}``), ``gradation``, ``fem_layers``
+        (layers of wedges; 0: by themselves) and ``growth``, as of
+        :class:`HybridVolume.core.pipeline.Options`. What is not given stays as it is.
+
+    Returns
+    -------
+    HybridVolume or App.DocumentObject
+        A new hybrid volume; of an object its mesh object, which has the new mesh (one step of
+        Undo), so that analyses keep it.
+
+    Raises
+    ------
+    HybridVolumeError
+        A value is out of its range, or no valid mesh was found; nothing has changed.
+    """
+    if hasattr(volume, "Document"):
+        from HybridVolume.objects.mesh_editor import MeshEditor
+
+        return MeshEditor(volume).remesh(progress=progress, python=python, engine=engine, **values)
+    from HybridVolume.mesh_job import changed_density, check_order, mesh_job
+
+    order = check_order(values.pop("order", volume.fem.order))
+    density = changed_density(volume.fem.density, **values)
+    with mesh_job(volume, density, order, engine=engine, python=python) as job:
+        return job.run(progress)
 
 
 def export_mesh(volume_or_object: Any, path: str | os.PathLike) -> None:

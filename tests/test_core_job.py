@@ -16,6 +16,7 @@ import pytest
 from bodies import torus
 from shells import make_volume
 
+import HybridVolume
 from HybridVolume import exchange
 from HybridVolume import job as protocol
 from HybridVolume.errors import GapError, InputError, SetupError, WorkerError
@@ -164,6 +165,9 @@ def test_another_mesh_of_a_volume():
         again = j.run()
         report = j.report()
         deck = j.exported("inp").read_text()
+    # what is not asked for stays as it is
+    third = HybridVolume.remesh(again, fem_layers=1, python=python)
+    assert (third.fem.order, third.fem.density.subdivide, third.fem.density.layers) == (1, 2, 1)
     assert np.array_equal(again.shell.layers, volume.shell.layers)
     assert np.array_equal(again.certificate.min_bernstein, volume.certificate.min_bernstein)
     assert again.fem.order == 1 and again.fem.density.subdivide == 2
@@ -191,6 +195,24 @@ def test_a_density_that_does_not_fit_is_refused(options):
     ):
         job.run()
     assert protocol.exit_code(caught.value) == 2
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        ({"order": 3}, "order is 3; choose 1 or 2"),
+        ({"layers": 3}, "no such value: layers; use order, nodes, subdivide"),
+        ({"subdivide": 2.5}, "2.5 is no count"),
+        ({"subdivide": 65}, "parts of a cell: 65"),
+        ({"size": "small"}, "cannot be read"),
+        ({"face_sizes": ["Face3"]}, "sizes of faces as"),
+        ({"face_sizes": {"Face3": -1}}, "the size of elements at Face3 is -1 mm"),
+        ({"nodes": "greville", "size": 1.0}, "have no size"),
+    ],
+)
+def test_a_macro_is_told_what_is_wrong_before_any_work(values, told):
+    with pytest.raises(InputError, match=told):
+        HybridVolume.remesh(make_volume("sphere"), python="/nowhere", **values)
 
 
 def test_progress_and_answer(worker, tmp_path):

@@ -66,6 +66,11 @@ def test_values_as_one_step_of_undo(volume):
         ({"spacing": "ratio 50"}, "50"),
         ({"order": 3}, "3"),
         ({"midstructure": "bones"}, "bones"),
+        ({"size": -1.0}, "-1 mm"),
+        ({"face_sizes": {"Face3": 0.0}}, "Face3"),
+        ({"fem_layers": 101}, "101"),
+        ({"subdivide": "many"}, "many"),
+        ({"nodes": "greville", "size": 1.0}, "Greville"),
         ({"thicknes": "2 mm"}, "thicknes"),
     ],
 )
@@ -87,6 +92,13 @@ def test_keywords_and_parameters_are_one(volume):
         "degree": 2,
         "spacing": "ratio 1.25",
         "order": 1,
+        "nodes": "knots",
+        "subdivide": 2,
+        "size": 0.75,
+        "face_sizes": {"Face2": 0.125},
+        "gradation": 0.25,
+        "fem_layers": 4,
+        "growth": 1.5,
     }
     parameters = HybridVolume.edit_volume(volume).parameters(**given)
     assert keywords_of(parameters) == given

@@ -11,14 +11,19 @@ from HybridVolume.core.goals import Thickness
 from HybridVolume.core.levels import Spacing
 from HybridVolume.errors import InputError
 from HybridVolume.job import Job, Progress, worker_python
+from HybridVolume.mesh_job import KEYWORDS, check_order, density_keywords
 from HybridVolume.sources import read_object
 
+from . import density
 from . import thickness as shell
+from .mesh_editor import ORDERS, density_values
 from .midstructure import METHODS, own_geometry
 from .properties import transaction
 from .volume import (
     complete_parameters,
     current_parameters,
+    mesh_parameters,
+    mesh_values,
     options_of,
     source_fingerprint,
     update_status,
@@ -26,8 +31,6 @@ from .volume import (
 
 if TYPE_CHECKING:
     from HybridVolume.sources import Body
-
-ORDERS = {1: "First", 2: "Second"}
 
 
 class VolumeEditor:
@@ -75,8 +78,10 @@ class VolumeEditor:
         with transaction(obj.Document, "Shell thickness"):
             own = {name: changed[name] for name in shell.DEFAULTS if name in changed}
             shell.set_values(obj, {**shell.values_of(obj), **own})
-            if obj.FemMesh and "FemMesh.Order" in changed:
-                obj.FemMesh.Order = changed["FemMesh.Order"]
+            if obj.FemMesh:
+                mesh = {**mesh_parameters(obj.FemMesh), **changed}
+                obj.FemMesh.Order = mesh["FemMesh.Order"]
+                density.set_values(obj.FemMesh, mesh_values(mesh))
             update_status(obj)
 
     def complete(
@@ -110,6 +115,9 @@ class VolumeEditor:
                 ``"volume"``, ``"distance"``, ``"ratio 1.5"`` or ``"first 0.2 mm"``.
             ``order``
                 Of the FEM mesh, 1 or 2.
+            ``nodes``, ``subdivide``, ``size``, ``face_sizes``, ``gradation``, ``fem_layers``, \
+``growth``
+                How fine the FEM mesh is, as of :class:`HybridVolume.core.pipeline.Options`.
             ``midstructure``
                 Of a new hybrid volume: ``"auto"``, ``"medial-axis"``, ``"skeleton"``,
                 ``"distance"``.
@@ -226,6 +234,7 @@ def changed_parameters(**values: Any) -> dict[str, Any]:
         A value is out of its range, or there is no such keyword.
     """
     known = ("thickness", "face_factors", "layers", "degree", "spacing", "order", "midstructure")
+    fine = {name: values.pop(name) for name in KEYWORDS if name in values}
     unknown = sorted(set(values) - set(known))
     if unknown:
         raise InputError(f"no such value: {', '.join(unknown)}", remedy=f"use {', '.join(known)}")
@@ -242,9 +251,8 @@ def changed_parameters(**values: Any) -> dict[str, Any]:
         if name in values:
             found[key] = int(values[name])
     if "order" in values:
-        if values["order"] not in ORDERS:
-            raise InputError(f"order is {values['order']}", remedy="choose 1 or 2")
-        found["FemMesh.Order"] = ORDERS[values["order"]]
+        found["FemMesh.Order"] = ORDERS[check_order(values["order"])]
+    found |= {f"FemMesh.{name}": value for name, value in density_values(**fine).items()}
     if "midstructure" in values:
         if values["midstructure"] not in METHODS:
             raise InputError(
@@ -257,6 +265,7 @@ def changed_parameters(**values: Any) -> dict[str, Any]:
 
 def keywords_of(parameters: Mapping[str, Any]) -> dict[str, Any]:
     """Keywords of an editor that ask for parameters; the reverse of `changed_parameters`."""
+    parameters = complete_parameters(parameters)
     thickness = shell.thickness_of(parameters)
     orders = {name: number for number, name in ORDERS.items()}
     return {
@@ -266,4 +275,5 @@ def keywords_of(parameters: Mapping[str, Any]) -> dict[str, Any]:
         "degree": parameters["Degree"],
         "spacing": shell.spacing_of(parameters).text,
         "order": orders[parameters["FemMesh.Order"]],
+        **density_keywords(density.density_of(mesh_values(parameters))),
     }
