@@ -163,6 +163,8 @@ class MesherError(HybridVolumeError):
     """A tetrahedral mesher gave nothing usable."""
 
     code = "mesher"
+    triangles: Sequence[int] = ()
+    """Triangles of the interface at fault, as far as they are known; not handed on."""
 
 
 class FileFormatError(HybridVolumeError):

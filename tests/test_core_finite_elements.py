@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from shells import BODIES, exact_volume, make_shell, make_volume
 
+from HybridVolume.core import diagonals
 from HybridVolume.core import finite_elements as module
 from HybridVolume.core.curving import untangle
 from HybridVolume.core.density import Density
@@ -164,18 +165,21 @@ def test_inverted_elements_are_untangled_and_the_outside_stays():
 def test_a_grid_that_fails_is_refined(monkeypatch):
     shell = make_shell("box")
     asked = []
-    build = module.build_interface
+    build = diagonals.build_interface
 
-    def counted(shell, nodes, parts):
-        asked.append(parts)
-        if parts < 2:
-            raise MesherError("too coarse")
-        return build(shell, nodes, parts)
+    def counted(shell, nodes, parts, lines, flipped=None):
+        asked.append(lines.cells)
+        if lines.cells <= 52:
+            error = MesherError("too coarse")
+            error.triangles = [0]
+            raise error
+        return build(shell, nodes, parts, lines=lines, flipped=flipped)
 
-    monkeypatch.setattr(module, "build_interface", counted)
-    interface, _, fem = build_finite_elements(shell)
-    assert asked == [1, 2] and interface.subdivide == 2
-    assert fem.min_scaled_jacobian > 0.0
+    monkeypatch.setattr(diagonals, "build_interface", counted)
+    _, _, fem = build_finite_elements(shell)
+    # the strips of the first cell, around the box both ways: 4 + 4 intervals of 2 + 2 faces
+    assert asked[0] == 52 and asked[1] == len(fem.boundary) // 2
+    assert fem.repairs["refined"] > 0 and fem.min_scaled_jacobian > 0.0
     with pytest.raises(MesherError, match="too coarse"):
         build_finite_elements(shell, finest=1)
 

@@ -113,7 +113,7 @@ def layer_parameters(shell: Shell, between: bool) -> np.ndarray:
 
 
 def evaluate_columns(shell: Shell, patch: np.ndarray, uv: np.ndarray, w: np.ndarray) -> np.ndarray:
-    """Points of the shell at parameter pairs and all of the given w.
+    """Points of the shell at parameter pairs and the given w.
 
     Parameters
     ----------
@@ -121,8 +121,9 @@ def evaluate_columns(shell: Shell, patch: np.ndarray, uv: np.ndarray, w: np.ndar
     patch : (m,) int array
     uv : (m, 2) array
         Parameters on the surface patch.
-    w : (nw,) array
-        At w = 0 the points are those of `PatchSurface.evaluate`, bit for bit.
+    w : (nw,) or (nw, m) array
+        The same for all pairs, or those of each. At w = 0 the points are those of
+        `PatchSurface.evaluate`, bit for bit.
 
     Returns
     -------
@@ -130,7 +131,8 @@ def evaluate_columns(shell: Shell, patch: np.ndarray, uv: np.ndarray, w: np.ndar
     """
     surface = shell.surface
     u, v = uv.T
-    basis_w = bspline.basis_matrix(shell.degree_w, shell.knots_w, w).toarray()
+    basis_w = bspline.basis_matrix(shell.degree_w, shell.knots_w, w.ravel()).toarray()
+    basis_w = basis_w.reshape(*w.shape, -1)
     result = np.empty((len(w), len(patch), 3))
     number, place = surface.stack_of
     for k, stack in enumerate(surface.stacks):
@@ -142,17 +144,25 @@ def evaluate_columns(shell: Shell, patch: np.ndarray, uv: np.ndarray, w: np.ndar
             act = left[:, :, None] * right[:, None, :]
             nets = shell.layers[:, stack.index[pick]]
             levels = np.einsum("mab,lmabd->lmd", act, nets)
+            across = basis_w if w.ndim == 1 else basis_w[:, part]
             if plain:
-                result[:, part] = np.tensordot(basis_w, levels, 1)
+                result[:, part] = _combined(across, levels)
                 continue
             # only the outer layer has weights
             first = act * weights[pick]
             heavy = first.sum(axis=(1, 2))
             levels[0] = np.einsum("mab,mabd->md", first, nets[0])
-            value = np.tensordot(basis_w, levels, 1)
-            weight = basis_w[:, :1] * heavy + (1.0 - basis_w[:, :1])
-            result[:, part] = value / weight[..., None]
-    outer = np.flatnonzero(w == 0.0)
+            first = across[:, :1] if w.ndim == 1 else across[..., 0]
+            weight = first * heavy + (1.0 - first)
+            result[:, part] = _combined(across, levels) / weight[..., None]
+    outer = np.flatnonzero((w == 0.0) if w.ndim == 1 else (w == 0.0).all(axis=1))
     if len(outer):
         result[outer] = surface.evaluate_at(patch, u, v)
     return result
+
+
+def _combined(basis: np.ndarray, levels: np.ndarray) -> np.ndarray:
+    """Sums of control levels (l, m, 3) with a basis (nw, l) or (nw, m, l), (nw, m, 3)."""
+    if basis.ndim == 2:
+        return np.tensordot(basis, levels, 1)
+    return np.einsum("kml,lmd->kmd", basis, levels, optimize=True)

@@ -18,24 +18,22 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..errors import FaultError, MesherError
-from .columns import evaluate_columns, layer_parameters
-from .curving import untangle
+from .columns import evaluate_columns
 from .density import Density
-from .element_jacobians import prove_positive, relative_bound, scaled_jacobian, volumes
+from .diagonals import flip_at, refine_at, wedges_over
+from .element_jacobians import relative_bound, volumes
 from .elements import EDGES, FACES, quadrature, shape_functions, shape_gradients
-from .interior import Interface, Interior, build_interface, fill_interior
+from .interior import Interface, Interior, fill_interior
 from .mid_nodes import outer_mids
+from .repairs import Elements, straighten, untangle_inside
 from .shell import Shell
+from .sizes import wanted_lines
+from .wedges import Wedges
 
 logger = logging.getLogger(__name__)
 
-_ROUNDS = 6
-_KEPT_QUALITY = 0.5
-"""Share of its straight scaled Jacobian that a curved tet should have."""
-_POOR, _WORST = 0.02, 0.002
-"""Scaled Jacobians below which wedges, and below which all elements, are worth an optimisation."""
-
-
+_FLIPS = 2
+"""Rounds of flipped diagonals before a grid is made finer."""
 REPAIRS = ("straightened", "untangled", "flipped", "refined")
 """Kinds of repairs that are counted."""
 
@@ -190,42 +188,106 @@ def conforming_mesh(
     """
     if order not in (1, 2):
         raise ValueError(f"order is 1 or 2, not {order}")
-    builder = _Builder(shell, interface, interior, order)
-    repairs, wedge_bound, tet_bound = builder.prove()
-    nodes = builder.nodes
-    wedge_kind, tet_kind = ("penta15", "tet10") if order == 2 else ("penta6", "tet4")
+    density = density or Density(interface.nodes, interface.subdivide)
+    wedges = Wedges(shell, interface, density, order)
+    return _mesh(shell, wedges, interior, density)
+
+
+def _mesh(shell: Shell, wedges: Wedges, interior: Interior, density: Density) -> FiniteElementMesh:
+    """Wedges and the tets of the core on shared nodes, repaired, proved and checked."""
+    interface, order = wedges.interface, wedges.order
+    nodes, tets, core = _with_core(wedges, interior)
+    kinds = [(wedges.kind, wedges.elements), ("tet10" if order == 2 else "tet4", tets)]
+    elements = Elements(nodes, kinds)
+    repairs = dict.fromkeys(REPAIRS, 0)
+    if order == 2 and len(interface.triangles):
+        movable, ends = wedges.curved_inside()
+        repairs["straightened"] = straighten(elements, movable, ends)
+        may_move = np.zeros(len(nodes), dtype=bool)
+        may_move[movable] = True
+        may_move[core:] = True
+        repairs["untangled"] = untangle_inside(elements, may_move)
+    if not elements.all_proved:
+        raise _unproved(shell, wedges, interior, elements)
     names = tuple(dict.fromkeys(patch.face for patch in shell.surface.patches))
     position = np.array([names.index(patch.face) for patch in shell.surface.patches])
+    bounds = [
+        relative_bound(kind, elements.nodes[c], bound)
+        for (kind, c), bound in zip(kinds, elements.lower_bound, strict=True)
+    ]
+    count = len(interface.triangles)
     mesh = FiniteElementMesh(
         order=order,
-        nodes=nodes,
-        wedges=builder.wedges,
-        wedge_patch=np.tile(interface.triangle_patch, builder.layers),
-        wedge_layer=np.repeat(np.arange(builder.layers), len(interface.triangles)),
-        tets=builder.tets,
-        boundary=builder.triangles(0),
+        nodes=elements.nodes,
+        wedges=wedges.elements,
+        wedge_patch=np.tile(interface.triangle_patch, wedges.layers),
+        wedge_layer=np.repeat(np.arange(wedges.layers), count),
+        tets=tets,
+        boundary=wedges.triangles(0),
         boundary_face=position[interface.triangle_patch],
-        boundary_wedge=np.arange(len(interface.triangles)),
-        interface=builder.triangles(builder.layers),
+        boundary_wedge=np.arange(count),
+        interface=wedges.triangles(wedges.layers),
         face_names=names,
-        wedge_quality=scaled_jacobian(wedge_kind, nodes[builder.wedges]),
-        tet_quality=scaled_jacobian(tet_kind, nodes[builder.tets]),
-        wedge_bound=wedge_bound,
-        tet_bound=tet_bound,
-        repairs=dict.fromkeys(REPAIRS, 0) | repairs,
-        density=density or Density(),
-        **builder.surface_places(),
+        wedge_quality=elements.quality[0],
+        tet_quality=elements.quality[1],
+        wedge_bound=bounds[0],
+        tet_bound=bounds[1],
+        repairs=repairs,
+        density=density,
+        surface_nodes=wedges.outer_nodes,
+        surface_patch=wedges.patch,
+        surface_uv=wedges.uv,
     )
     _check(mesh)
-    logger.info(
-        "finite elements: %d nodes, %d wedges, %d tets, smallest scaled Jacobian %.3f, %s",
-        len(nodes),
-        len(mesh.wedges),
-        len(mesh.tets),
-        mesh.min_scaled_jacobian,
-        ", ".join(f"{count} {kind}" for kind, count in mesh.repairs.items()),
-    )
     return mesh
+
+
+def _with_core(wedges: Wedges, interior: Interior) -> tuple[np.ndarray, np.ndarray, int]:
+    """All nodes, the tets, and the first node inside the core."""
+    interface = wedges.interface
+    n, start = len(interface.vertices), len(wedges.nodes)
+    inner = interior.mesh.vertices[n:]
+    number = np.append(wedges.vertices(wedges.layers), start + np.arange(len(inner)))
+    nodes = np.concatenate([wedges.nodes, inner])
+    tets = interior.mesh.tets
+    if wedges.order == 1:
+        return nodes, number[tets], start
+    count = len(interior.mesh.vertices)
+    ends = np.sort(tets[:, np.array(EDGES["tet10"])], axis=2).reshape(-1, 2)
+    keys, inverse = np.unique(ends[:, 0] * count + ends[:, 1], return_inverse=True)
+    known = interface.edges[:, 0] * count + interface.edges[:, 1]
+    order = np.argsort(known)
+    place = np.clip(np.searchsorted(known[order], keys), 0, len(known) - 1)
+    shared = known[order][place] == keys
+    if np.count_nonzero(shared) != len(known):
+        raise FaultError(
+            f"the core has {np.count_nonzero(shared)} of {len(known)} interface edges",
+            remedy="take another mesher",
+        )
+    mids = np.empty(len(keys), dtype=np.int64)
+    mids[shared] = wedges.edge_mids(wedges.layers)[order[place[shared]]]
+    mids[~shared] = len(nodes) + np.arange(np.count_nonzero(~shared))
+    corners = np.column_stack([keys // count, keys % count])[~shared]
+    nodes = np.concatenate([nodes, interior.mesh.vertices[corners].mean(axis=1)])
+    return nodes, np.hstack([number[tets], mids[inverse.reshape(-1, 6)]]), start
+
+
+def _unproved(shell: Shell, wedges: Wedges, interior: Interior, elements: Elements) -> MesherError:
+    """The error that names the faces over elements that are not proved."""
+    triangles = wedges.interface.triangles
+    bad_wedges, bad_tets = (np.flatnonzero(~p) for p in elements.proved)
+    at_interface = np.isin(triangles, interior.mesh.tets[bad_tets]).any(axis=1)
+    bad = np.union1d(bad_wedges % len(triangles), np.flatnonzero(at_interface))
+    patches = np.unique(wedges.interface.triangle_patch[bad])
+    error = MesherError(
+        f"{len(bad_wedges)} wedges and {len(bad_tets)} tets of order {wedges.order} are not"
+        " proved valid",
+        faces=list(dict.fromkeys(shell.surface.patches[k].face for k in patches)),
+        figure=float(len(bad_wedges) + len(bad_tets)),
+        remedy="subdivide the interface or choose a smaller w0",
+    )
+    error.triangles = bad
+    return error
 
 
 def completed(mesh: FiniteElementMesh, shell: Shell, interface: Interface) -> FiniteElementMesh:
@@ -266,8 +328,9 @@ def build_finite_elements(
 ) -> tuple[Interface, Interior, FiniteElementMesh]:
     """Interface, core and conforming mesh; the interface is refined until all three hold.
 
-    A coarse grid may give facets that cut each other, or wedges that cannot be proved, although the
-    shell is certified; then every cell is cut finer, up to ``finest`` parts a side.
+    A coarse grid may give facets that cut each other, or elements that cannot be proved, although
+    the shell is certified. Then the diagonals of the cells at fault are flipped, and the columns
+    there are cut finer, with the strips that they belong to.
 
     Parameters
     ----------
@@ -276,256 +339,59 @@ def build_finite_elements(
         Wanted density; by default the cells and layers of the shell.
     order : {1, 2}
     finest : int
-        Parts of each cell's side to end with.
+        Into how many parts a side of a wanted cell may be cut by repairs.
     engine, free, max_size, time_limit
         As for `fill_interior`.
 
     Raises
     ------
+    InputError
+        The density does not fit the body.
     MesherError
         The last reason, when the finest grid failed too.
     """
+    if order not in (1, 2):
+        raise ValueError(f"order is 1 or 2, not {order}")
     density = density or Density()
-    for parts in range(density.subdivide, max(density.subdivide, finest) + 1):
+    options = {"max_size": max_size, "free": free, "time_limit": time_limit}
+    wanted = lines = wanted_lines(shell.surface, density)
+    flipped: np.ndarray | None = None
+    tries = 0
+    while True:
+        wedges = None
         try:
-            interface = build_interface(shell, density.nodes, parts)
-            interior = fill_interior(
-                interface,
-                engine,
-                surface=shell.surface,
-                max_size=max_size,
-                free=free,
-                time_limit=time_limit,
-            )
-            mesh = conforming_mesh(shell, interface, interior, order, density)
+            wedges, flipped = wedges_over(shell, lines, density, order, flipped)
+            interior = fill_interior(wedges.interface, engine, surface=shell.surface, **options)
+            mesh = _mesh(shell, wedges, interior, density)
+            break
         except MesherError as error:
-            if parts >= finest:
+            logger.info("interface of %d cells: %s", lines.cells, error.line)
+            again = None
+            if wedges is not None and tries < _FLIPS:
+                again = flip_at(shell, lines, density, wedges, flipped, error.triangles)
+            if again is not None:
+                flipped, tries = again, tries + 1
+                continue
+            finer = refine_at(lines, wanted, error.triangles, finest)
+            if finer is None:
                 raise
-            logger.info("interface with %d parts a cell: %s", parts, error.line)
-            continue
-        return interface, interior, mesh
-    raise AssertionError("the loop returns or raises")
-
-
-class _Builder:
-    """Node numbers, coordinates and elements on the way to a mesh.
-
-    Nodes stand in blocks: corners level by level from outside, then mid nodes between levels, mid
-    nodes of the triangles' edges level by level, vertices of the core, mid nodes of its edges.
-    """
-
-    def __init__(self, shell: Shell, interface: Interface, interior: Interior, order: int) -> None:
-        self.shell, self.interface, self.order = shell, interface, order
-        self.layers = shell.layer_count
-        self.n, self.e = len(interface.vertices), len(interface.edges)
-        w = layer_parameters(shell, between=order == 2)
-        corners = evaluate_columns(shell, interface.vertex_patch, interface.vertex_uv, w)
-        corners[-1] = interface.vertices
-        blocks = [corners[::order].reshape(-1, 3)]
-        if order == 2:
-            blocks.append(corners[1::2].reshape(-1, 3))
-            mids = evaluate_columns(shell, interface.edge_patch, interface.edge_uv, w[::2])
-            mids[-1] = interface.midpoints
-            mids[0], self.edge_patch, self.edge_uv = outer_mids(shell, interface, mids[0])
-            blocks.append(mids.reshape(-1, 3))
-        blocks.append(interior.mesh.vertices[self.n :])
-        starts = np.cumsum([0, *(len(b) for b in blocks)])
-        self.between, self.edge = (starts[1], starts[2]) if order == 2 else (0, 0)
-        core = np.append(self.layers * self.n + np.arange(self.n),
-                         starts[-2] + np.arange(len(blocks[-1])))  # fmt: skip
-        self.nodes = np.concatenate(blocks)
-        self.core_start = starts[-2]
-        self.tets = core[interior.mesh.tets]
-        if order == 2:
-            self._add_tet_mids(interior.mesh.tets)
-        self.wedges = self._wedges()
-
-    def triangles(self, level: int) -> np.ndarray:
-        """Interface triangles seen on a level, with their mid nodes."""
-        corners = level * self.n + self.interface.triangles
-        if self.order == 1:
-            return corners
-        mids = self.edge + level * self.e + self.interface.triangle_edges
-        return np.concatenate([corners, mids], axis=1)
-
-    def _wedges(self) -> np.ndarray:
-        parts = []
-        for layer in range(self.layers):
-            bottom, top = self.triangles(layer + 1), self.triangles(layer)
-            columns = [bottom[:, :3], top[:, :3]]
-            if self.order == 2:
-                between = self.between + layer * self.n + self.interface.triangles
-                columns += [bottom[:, 3:], top[:, 3:], between]
-            parts.append(np.concatenate(columns, axis=1))
-        return np.concatenate(parts)
-
-    def _add_tet_mids(self, tets: np.ndarray) -> None:
-        """Mid nodes of the tets: those of the interface where an edge is one, else new ones."""
-        count = int(tets.max()) + 1
-        ends = np.sort(tets[:, np.array(EDGES["tet10"])], axis=2).reshape(-1, 2)
-        keys, inverse = np.unique(ends[:, 0] * count + ends[:, 1], return_inverse=True)
-        known = self.interface.edges[:, 0] * count + self.interface.edges[:, 1]
-        order = np.argsort(known)
-        place = np.clip(np.searchsorted(known[order], keys), 0, len(known) - 1)
-        shared = known[order][place] == keys
-        if np.count_nonzero(shared) != len(known):
-            raise FaultError(
-                f"the core has {np.count_nonzero(shared)} of {len(known)} interface edges",
-                remedy="take another mesher",
-            )
-        number = np.empty(len(keys), dtype=np.int64)
-        number[shared] = self.edge + self.layers * self.e + order[place[shared]]
-        number[~shared] = len(self.nodes) + np.arange(np.count_nonzero(~shared))
-        mids = number[inverse.reshape(-1)].reshape(-1, 6)
-        corners = np.column_stack([keys // count, keys % count])[~shared]
-        x = np.concatenate([self.interface.vertices, self._inner_vertices()])
-        self.nodes = np.concatenate([self.nodes, x[corners].mean(axis=1)])
-        self.tets = np.concatenate([self.tets, mids], axis=1)
-
-    def _inner_vertices(self) -> np.ndarray:
-        return self.nodes[self.core_start :]
-
-    def _movable(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mid nodes inside the body that are not straight by construction, and their ends."""
-        levels = np.arange(1, self.layers + 1)[:, None]
-        nodes = [self.between + np.arange(self.layers * self.n)]
-        above = np.arange(self.layers * self.n)
-        ends = [np.column_stack([above, above + self.n])]
-        nodes.append((self.edge + levels * self.e + np.arange(self.e)).ravel())
-        ends.append((levels[..., None] * self.n + self.interface.edges).reshape(-1, 2))
-        return np.concatenate(nodes), np.concatenate(ends)
-
-    def surface_places(self) -> dict[str, np.ndarray]:
-        """Nodes of the outer boundary with their patch and parameters."""
-        nodes = [np.arange(self.n)]
-        patch, uv = [self.interface.vertex_patch], [self.interface.vertex_uv]
-        if self.order == 2:
-            nodes.append(self.edge + np.arange(self.e))
-            patch.append(self.edge_patch)
-            uv.append(self.edge_uv)
-        return {
-            "surface_nodes": np.concatenate(nodes),
-            "surface_patch": np.concatenate(patch),
-            "surface_uv": np.concatenate(uv),
-        }
-
-    def prove(self) -> tuple[dict[str, int], np.ndarray, np.ndarray]:
-        """Prove all elements; where that fails, straighten inner edges step by step, then untangle.
-
-        Tets that curving made much worse are straightened as well.
-
-        Returns
-        -------
-        repairs : dict
-            Counts of moved nodes, as in `FiniteElementMesh`.
-        wedge_bound, tet_bound : arrays
-        """
-        curved = straightened = self.nodes
-        if self.order == 2:
-            movable, ends = self._movable()
-            straight = curved.copy()
-            straight[movable] = curved[ends].mean(axis=1)
-            least = _KEPT_QUALITY * scaled_jacobian("tet10", straight[self.tets])
-            self.nodes = curved.copy()
-            self._straighten(curved, straight, movable, least)
-            straightened = self.nodes.copy()
-            self._untangle(movable)
-        proofs = [prove_positive(kind, self.nodes[c]) for kind, c in self._elements]
-        if not all(p.proved.all() for p in proofs):
-            self._refuse([p.proved for p in proofs])
-        wedge_bound, tet_bound = (
-            relative_bound(kind, self.nodes[c], p.lower_bound)
-            for (kind, c), p in zip(self._elements, proofs, strict=True)
-        )
-        moved = {"straightened": (curved, straightened), "untangled": (straightened, self.nodes)}
-        repairs = {
-            kind: int(np.count_nonzero((before != after).any(axis=1)))
-            for kind, (before, after) in moved.items()
-        }
-        return repairs, wedge_bound, tet_bound
-
-    @property
-    def _elements(self) -> list[tuple[str, np.ndarray]]:
-        kinds = ("penta15", "tet10") if self.order == 2 else ("penta6", "tet4")
-        return [(kinds[0], self.wedges), (kinds[1], self.tets)]
-
-    def _straighten(
-        self, curved: np.ndarray, straight: np.ndarray, movable: np.ndarray, least: np.ndarray
-    ) -> None:
-        """Move mid nodes of bad elements half-way to straight, again and again.
-
-        Bad are elements that are not proved, and tets whose scaled Jacobian is below ``least``.
-        """
-        good = [np.zeros(len(c), dtype=bool) for _, c in self._elements]
-        share = np.ones(len(self.nodes))
-        moved = np.ones(len(self.nodes), dtype=bool)
-        may_move = np.zeros(len(self.nodes), dtype=bool)
-        may_move[movable] = True
-        for round_ in range(_ROUNDS):
-            for flags, (kind, c) in zip(good, self._elements, strict=True):
-                again = np.flatnonzero(moved[c].any(axis=1))
-                flags[again] = prove_positive(kind, self.nodes[c[again]]).proved
-                if kind == "tet10":
-                    quality = scaled_jacobian(kind, self.nodes[c[again]])
-                    flags[again] &= quality >= least[again]
-            bad = [c[~flags].ravel() for flags, (_, c) in zip(good, self._elements, strict=True)]
-            bad = np.unique(np.concatenate(bad))
-            bad = bad[may_move[bad] & (share[bad] > 0.0)]
-            if not len(bad):
-                break
-            share[bad] = 0.0 if round_ == _ROUNDS - 1 else 0.5 * share[bad]
-            moved = np.zeros(len(self.nodes), dtype=bool)
-            moved[bad] = True
-            mix = share[bad, None]
-            self.nodes[bad] = mix * curved[bad] + (1.0 - mix) * straight[bad]
-
-    def _untangle(self, movable: np.ndarray) -> None:
-        """Move nodes inside near elements that are not proved, and near poor wedges.
-
-        What was proved stays proved: a step that loses an element or quality is not taken.
-        """
-        may_move = np.zeros(len(self.nodes), dtype=bool)
-        may_move[movable] = True
-        may_move[self.core_start :] = True
-        for density, rings, least in ((3, 0, (_POOR, 0.0)), (4, 1, (_WORST, _WORST))):
-            before = self._quality(self.nodes)
-            # many tets are as flat as the mesher left them: only wedges can gain much
-            poor = [q < low for q, low in zip(before, least, strict=True)]
-            if not any(p.any() for p in poor):
-                break
-            near = np.zeros(len(self.nodes), dtype=bool)
-            for flags, (_, c) in zip(poor, self._elements, strict=True):
-                near[c[flags]] = True
-            for _ in range(rings):
-                for _, c in self._elements:
-                    near[c[near[c].any(axis=1)]] = True
-            free = near & may_move
-            around = [(kind, c[free[c].any(axis=1)]) for kind, c in self._elements]
-            fresh = untangle(self.nodes, around, free, density)
-            after = self._quality(fresh)
-            if min(q.min() for q in after) > min(q.min() for q in before):
-                self.nodes = fresh
-
-    def _quality(self, nodes: np.ndarray) -> list[np.ndarray]:
-        """Scaled Jacobian of each element, -1 where it is not proved."""
-        found = []
-        for kind, c in self._elements:
-            quality = scaled_jacobian(kind, nodes[c])
-            found.append(np.where(prove_positive(kind, nodes[c]).proved, quality, -1.0))
-        return found
-
-    def _refuse(self, proved: list[np.ndarray]) -> None:
-        bad_wedges, bad_tets = (np.flatnonzero(~p) for p in proved)
-        patches = self.interface.triangle_patch[bad_wedges % len(self.interface.triangles)]
-        at_interface = np.isin(self.interface.triangles, self.tets[bad_tets] - self.layers * self.n)
-        patches = np.union1d(patches, self.interface.triangle_patch[at_interface.any(axis=1)])
-        raise MesherError(
-            f"{len(bad_wedges)} wedges and {len(bad_tets)} tets of order {self.order} are not"
-            " proved valid",
-            faces=list(dict.fromkeys(self.shell.surface.patches[k].face for k in patches)),
-            figure=float(len(bad_wedges) + len(bad_tets)),
-            remedy="subdivide the interface or choose a smaller w0",
-        )
+            lines, flipped, tries = finer, None, 0
+    repairs = {
+        "flipped": int(np.count_nonzero(flipped)),
+        "refined": lines.within(wanted),
+    }
+    mesh = replace(mesh, repairs={**mesh.repairs, **repairs})
+    logger.info(
+        "finite elements: %d nodes, %d wedges in %d layers, %d tets, smallest scaled Jacobian %.3f,"
+        " %s",
+        len(mesh.nodes),
+        len(mesh.wedges),
+        wedges.layers,
+        len(mesh.tets),
+        mesh.min_scaled_jacobian,
+        ", ".join(f"{count} {kind}" for kind, count in mesh.repairs.items()),
+    )
+    return wedges.interface, interior, mesh
 
 
 def _check(mesh: FiniteElementMesh) -> None:

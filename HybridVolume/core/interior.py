@@ -16,12 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import FaultError, MesherError
-from .columns import doubled_grid, evaluate_columns, grid_cells, interface_lines
+from .columns import doubled_grid, evaluate_columns, grid_cells
 from .element_jacobians import scaled_jacobian
 from .elements import reference
 from .gap import gap_volume, triangle_gaps
 from .intersection import self_intersections
 from .shell import Shell
+from .strips import GridLines, base_lines
 from .surface import PatchSurface
 from .tetmesh import TetMesh, available_engines, enclosed_volume, fill
 
@@ -96,7 +97,14 @@ class Interface:
         return enclosed_volume(self.vertices, self.triangles)
 
 
-def build_interface(shell: Shell, nodes: str = "knots", subdivide: int = 1) -> Interface:
+def build_interface(
+    shell: Shell,
+    nodes: str = "knots",
+    subdivide: int = 1,
+    *,
+    lines: GridLines | None = None,
+    flipped: np.ndarray | None = None,
+) -> Interface:
     """Nodes and triangles of the inner surface over a parameter grid (section 3.3, Fig. 5).
 
     Each grid cell is cut along the diagonal that gives the better wedges between inner and outer
@@ -110,6 +118,10 @@ def build_interface(shell: Shell, nodes: str = "knots", subdivide: int = 1) -> I
         abscissae, the paper's node locations.
     subdivide : int
         Cut every cell into ``subdivide`` x ``subdivide``.
+    lines : GridLines, optional
+        Where the grid lines stand, instead.
+    flipped : (nc,) bool array, optional
+        Cells that are cut along the other diagonal; triangles 2 c and 2 c + 1 are those of cell c.
 
     Raises
     ------
@@ -117,14 +129,18 @@ def build_interface(shell: Shell, nodes: str = "knots", subdivide: int = 1) -> I
         The grid is too coarse: two triangles or edges would have the same nodes.
     """
     surface = shell.surface
-    u, v = interface_lines(surface, nodes, subdivide)
-    grid = doubled_grid(surface, u, v)
+    if lines is None:
+        lines = base_lines(surface, nodes)
+        lines = lines.cut([np.full(len(p) - 1, subdivide) for p in lines.places])
+    grid = doubled_grid(surface, *lines.lines())
     number, is_vertex = _node_numbers(
-        grid.ids, surface if nodes == "greville" and subdivide == 1 else None
+        grid.ids, surface if nodes == "greville" and lines.plain else None
     )
     cells, cell_patch, cell_uv = grid_cells(grid)
     levels = evaluate_columns(shell, grid.owner, grid.uv, np.array([0.0, 0.5, 1.0]))
     second = _better_diagonal(levels, cells)
+    if flipped is not None:
+        second = second ^ flipped
 
     # corners and mid nodes of both triangles of a cell, positions in its 3 x 3 grid points
     corner = np.where(second[:, None, None], _CORNERS[1], _CORNERS[0]).reshape(-1, 3)
@@ -217,12 +233,14 @@ def _check_simplices(
     twice = edges[count[inverse.reshape(-1)] > 1]
     bad |= np.isin(triangles, twice).sum(axis=1) > 1
     if len(twice) or bad.any():
-        raise MesherError(
+        error = MesherError(
             "the grid of the interface is too coarse: different edges have the same ends",
             faces=_faces(surface, patch[bad]),
             figure=float(len(twice)),
             remedy="subdivide the interface",
         )
+        error.triangles = np.flatnonzero(bad)
+        raise error
 
 
 def _faces(surface: PatchSurface, patches: np.ndarray) -> list[str]:
@@ -325,13 +343,16 @@ def fill_interior(
 def _check_embedded(interface: Interface, surface: PatchSurface | None) -> None:
     pairs = self_intersections(interface.vertices, interface.triangles)
     if len(pairs):
-        patches = np.unique(interface.triangle_patch[np.asarray(pairs).ravel()])
-        raise MesherError(
+        crossing = np.unique(pairs)
+        patches = np.unique(interface.triangle_patch[crossing])
+        error = MesherError(
             f"{len(pairs)} pairs of the core's boundary triangles cut each other",
             faces=_faces(surface, patches) if surface is not None else (),
             figure=float(len(pairs)),
             remedy="subdivide the interface or choose a smaller w0",
         )
+        error.triangles = crossing
+        raise error
 
 
 def _flatness(mesh: TetMesh) -> np.ndarray:

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""Repairs of the interface's grid: cells cut along their other diagonal, and finer columns."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import MesherError
+from .density import Density
+from .interior import build_interface
+from .shell import Shell
+from .strips import GridLines
+from .wedges import Wedges
+
+_POOR = 0.05
+"""Scaled Jacobian of a cell's wedges below which its other diagonal is tried."""
+_GAIN = 1.5
+"""Factor by which the other diagonal must be better."""
+
+
+def wedges_over(
+    shell: Shell,
+    lines: GridLines,
+    density: Density,
+    order: int,
+    flipped: np.ndarray | None = None,
+) -> tuple[Wedges, np.ndarray]:
+    """Wedges over a grid; cells whose wedges are poor take the other diagonal if that is better.
+
+    Parameters
+    ----------
+    shell : Shell
+    lines : GridLines
+    density : Density
+    order : {1, 2}
+    flipped : (nc,) bool array, optional
+        Cells that are to be flipped; by default those that gain by it.
+
+    Returns
+    -------
+    wedges : Wedges
+    flipped : (nc,) bool array
+
+    Raises
+    ------
+    MesherError
+        The grid is too coarse.
+    """
+    wedges = _wedges(shell, lines, density, order, flipped)
+    if flipped is not None:
+        return wedges, flipped
+    none = np.zeros(lines.cells, dtype=bool)
+    quality = wedges.quality()
+    poor = np.flatnonzero(quality < _POOR)
+    better = poor[_others(shell, lines, density, order, none, poor) > _GAIN * quality[poor]]
+    if not len(better):
+        return wedges, none
+    chosen = _with(none, better)
+    try:
+        return _wedges(shell, lines, density, order, chosen), chosen
+    except MesherError:
+        return wedges, none
+
+
+def flip_at(
+    shell: Shell,
+    lines: GridLines,
+    density: Density,
+    wedges: Wedges,
+    flipped: np.ndarray,
+    triangles: np.ndarray,
+) -> np.ndarray | None:
+    """Flip the cells of triangles at fault that were not flipped yet and whose wedges stay valid.
+
+    Returns
+    -------
+    (nc,) bool array or None
+        None where no cell can be flipped.
+    """
+    cells = np.unique(np.asarray(triangles, dtype=np.int64) // 2)
+    cells = cells[~flipped[cells]]
+    other = _others(shell, lines, density, wedges.order, flipped, cells)
+    quality = wedges.quality(cells)
+    chosen = cells[(other > 0.0) & (other > 0.5 * np.minimum(quality, _POOR))]
+    return _with(flipped, chosen) if len(chosen) else None
+
+
+def refine_at(
+    lines: GridLines, wanted: GridLines, triangles: np.ndarray, finest: int
+) -> GridLines | None:
+    """Halve the intervals of the strips through the cells of triangles at fault.
+
+    Parameters
+    ----------
+    lines, wanted : GridLines
+        As they are, and as they were at first.
+    triangles : (m,) int array
+        Without any all intervals are halved.
+    finest : int
+        Parts into which an interval of ``wanted`` may be cut.
+
+    Returns
+    -------
+    GridLines or None
+        None where nothing can be halved any more.
+    """
+    cells = np.full(lines.cells, not len(triangles))
+    cells[np.asarray(triangles, dtype=np.int64) // 2] = True
+    parts = []
+    for marked, places, first in zip(lines.marked(cells), lines.places, wanted.places, strict=True):
+        home = np.searchsorted(first, 0.5 * (places[1:] + places[:-1])) - 1
+        room = 2 * np.bincount(home)[home] <= finest
+        parts.append(np.where(marked & room, 2, 1))
+    if all((p == 1).all() for p in parts):
+        return None
+    return lines.cut(parts)
+
+
+def _wedges(
+    shell: Shell,
+    lines: GridLines,
+    density: Density,
+    order: int,
+    flipped: np.ndarray | None,
+) -> Wedges:
+    interface = build_interface(
+        shell, density.nodes, density.subdivide, lines=lines, flipped=flipped
+    )
+    return Wedges(shell, interface, density, order)
+
+
+def _others(
+    shell: Shell,
+    lines: GridLines,
+    density: Density,
+    order: int,
+    flipped: np.ndarray,
+    cells: np.ndarray,
+) -> np.ndarray:
+    """Quality of cells' wedges along their other diagonals, -1 where they are not proved."""
+    if not len(cells):
+        return np.zeros(0)
+    try:
+        wedges = _wedges(shell, lines, density, order, _with(flipped, cells))
+    except MesherError:
+        # other diagonals that join the same vertices
+        return np.full(len(cells), -1.0)
+    return wedges.quality(cells)
+
+
+def _with(flags: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    found = flags.copy()
+    found[cells] = True
+    return found

@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""Strips of patches, and grid lines along them that meet at every shared side.
+
+A line that crosses a patch leaves it through a side and goes on in the neighbour: all patches that
+it runs through have it. So each strip has one set of lines, whatever way its patches are turned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from .surface import SIDE_DIRECTION, PatchSurface
+
+
+@dataclass(frozen=True)
+class Strips:
+    """Which strip crosses each patch in each direction.
+
+    Attributes
+    ----------
+    number : (np, 2) int array
+        Strip whose lines stand along u, and along v.
+    turned : (np, 2) bool array
+        Whether the patch runs against its strip.
+    twisted : (ns,) bool array
+        Strips that come back turned round: their lines must be the same from either end.
+    """
+
+    number: np.ndarray
+    turned: np.ndarray
+    twisted: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.twisted)
+
+
+def strips(surface: PatchSurface) -> Strips:
+    """The strips of a closed surface."""
+    count = len(surface.patches)
+    along = np.array(SIDE_DIRECTION)
+    # a direction of a patch, once for each way to run
+    here = 2 * np.arange(count)[:, None] + along
+    there = 2 * surface.neighbour[..., 0] + along[surface.neighbour[..., 1]]
+    pairs = [
+        np.stack([2 * here + way, 2 * there + (surface.reversed ^ way)], axis=-1).reshape(-1, 2)
+        for way in (0, 1)
+    ]
+    rows, columns = np.concatenate(pairs).T
+    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(4 * count, 4 * count))
+    _, label = connected_components(graph, directed=False)
+    label = label.reshape(count, 2, 2)
+    found, number = np.unique(label.min(axis=2), return_inverse=True)
+    number = number.reshape(count, 2)
+    twisted = np.zeros(len(found), dtype=bool)
+    twisted[number[label[..., 0] == label[..., 1]]] = True
+    return Strips(number, label[..., 0] > label[..., 1], twisted)
+
+
+@dataclass(frozen=True, eq=False)
+class GridLines:
+    """Grid lines of all patches: those of a base, and lines between them.
+
+    Attributes
+    ----------
+    strips : Strips
+    base_u, base_v : lists of arrays
+        Parameters of the lines that are there in any case, for each patch.
+    places : tuple of arrays
+        For each strip where its lines stand: line 2.25 is a quarter of the way from the third base
+        line to the next.
+    """
+
+    strips: Strips
+    base_u: list[np.ndarray]
+    base_v: list[np.ndarray]
+    places: tuple[np.ndarray, ...]
+
+    @property
+    def plain(self) -> bool:
+        """Whether there are only the base's lines."""
+        bases = self._first_bases()
+        return all(len(p) == len(b) for p, b in zip(self.places, bases, strict=True))
+
+    @property
+    def cells(self) -> int:
+        """Cells between the lines, of all patches."""
+        lines = np.array([len(p) - 1 for p in self.places])
+        return int(lines[self.strips.number].prod(axis=1).sum())
+
+    def lines(self) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Parameters of the lines along u and along v, for each patch; alike ones are one array."""
+        made: dict[tuple[int, int, bool], np.ndarray] = {}
+
+        def values(base: np.ndarray, strip: int, turned: bool) -> np.ndarray:
+            key = (id(base), strip, turned)
+            if key not in made:
+                places = self.places[strip]
+                last = len(base) - 1
+                if turned:
+                    places = last - places[::-1]
+                made[key] = (
+                    base
+                    if len(places) == len(base)
+                    else np.interp(places, np.arange(last + 1), base)
+                )
+            return made[key]
+
+        number, turned = self.strips.number.tolist(), self.strips.turned.tolist()
+        return tuple(
+            [values(base, n[k], t[k]) for base, n, t in zip(bases, number, turned, strict=True)]
+            for k, bases in enumerate((self.base_u, self.base_v))
+        )
+
+    def cut(self, parts: Sequence[np.ndarray]) -> GridLines:
+        """The same with every interval of each strip cut into equal parts.
+
+        Parameters
+        ----------
+        parts : ns (m,) int arrays
+            Parts of each interval.
+        """
+        return replace(
+            self,
+            places=tuple(_cut(p, count) for p, count in zip(self.places, parts, strict=True)),
+        )
+
+    def marked(self, cells: np.ndarray) -> list[np.ndarray]:
+        """Intervals of each strip that run through some cells.
+
+        Parameters
+        ----------
+        cells : (nc,) bool array
+            For each cell of the grid, patch by patch, u then v.
+
+        Returns
+        -------
+        ns (m,) bool arrays
+        """
+        found = [np.zeros(len(p) - 1, dtype=bool) for p in self.places]
+        start = 0
+        for number, turned in zip(
+            self.strips.number.tolist(), self.strips.turned.tolist(), strict=True
+        ):
+            shape = tuple(len(found[n]) for n in number)
+            part = cells[start : start + shape[0] * shape[1]]
+            start += len(part)
+            if not part.any():
+                continue
+            part = part.reshape(shape)
+            for axis in (0, 1):
+                hit = part.any(axis=1 - axis)
+                found[number[axis]] |= hit[::-1] if turned[axis] else hit
+        for n in np.flatnonzero(self.strips.twisted):
+            found[n] = found[n] | found[n][::-1]
+        return found
+
+    def within(self, wanted: GridLines) -> int:
+        """Cells of a coarser grid that are cut here."""
+        split = [
+            np.bincount(np.searchsorted(b, 0.5 * (a[1:] + a[:-1])) - 1, minlength=len(b) - 1) > 1
+            for a, b in zip(self.places, wanted.places, strict=True)
+        ]
+        whole = np.array([np.count_nonzero(~s) for s in split])
+        return wanted.cells - int(whole[self.strips.number].prod(axis=1).sum())
+
+    def _first_bases(self) -> list[np.ndarray]:
+        bases: list[np.ndarray | None] = [None] * len(self.strips)
+        for patch, numbers in enumerate(self.strips.number.tolist()):
+            for number, base in zip(numbers, (self.base_u[patch], self.base_v[patch]), strict=True):
+                bases[number] = base
+        return bases
+
+
+def base_lines(surface: PatchSurface, nodes: str) -> GridLines:
+    """Lines at the knots or at the Greville abscissae, and no others."""
+    if nodes not in ("knots", "greville"):
+        raise ValueError(f"nodes stand at 'knots' or 'greville', not at {nodes!r}")
+    u, v = surface.grid_parameters(nodes)
+    found = GridLines(strips(surface), u, v, ())
+    places = tuple(np.arange(float(len(base))) for base in found._first_bases())
+    return replace(found, places=places)
+
+
+def _cut(places: np.ndarray, parts: np.ndarray) -> np.ndarray:
+    """Places with each interval cut into so many equal parts."""
+    if (parts == 1).all():
+        return places
+    number = np.repeat(np.arange(len(parts)), parts)
+    first = np.repeat(np.cumsum(parts) - parts, parts)
+    share = (np.arange(len(number)) - first) / parts[number]
+    return np.append(places[number] + np.diff(places)[number] * share, places[-1])
