@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from HybridVolume.core.elements import reference
-from HybridVolume.core.recovery import Material, element_strain, recover, von_mises
+from HybridVolume.core.recovery import Material, averaged, element_strain, recover, von_mises
 from HybridVolume.errors import InputError
 
 STEEL = Material(210_000.0, 0.3)
@@ -70,7 +70,7 @@ def test_neighbours_are_averaged_and_other_nodes_left_out() -> None:
     tets = np.array([[0, 1, 2, 3], [0, 2, 1, 4]])
     displacement = np.zeros_like(nodes)
     displacement[3, 2], displacement[4, 2] = 1.0, -3.0
-    found = recover(nodes, [("tet4", tets)], displacement, Material(1.0, 0.0))
+    found = averaged(nodes, [("tet4", tets)], displacement, Material(1.0, 0.0))
     assert found.nodes.tolist() == [0, 1, 2, 3, 4]
     assert found.strain[:, 2] == pytest.approx([2.0, 2.0, 2.0, 1.0, 3.0])
 

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""Strain and stress at the nodes, straight from the displacements.
+"""Strain and stress at the nodes, from the displacements.
 
-CalculiX extrapolates the stress of 15-node wedges from nine Gauss points that see the triangle as
-linear; at the boundary, where stress counts, most of the accuracy of the element is lost by that.
-Here the strain is the derivative of the displacement at the node itself, averaged over the elements
-around it that are of one material.
+CalculiX extrapolates the stress from points inside the elements to the boundary, where stress
+counts, and loses most of the accuracy of a 15-node wedge by that. Here
+
+- inside, the strain is a polynomial through the most accurate points of all elements around a node;
+- on the boundary, the strain along the surface is the derivative of the surface's displacement,
+  and the stress across it is the face's traction, which the forces on the nodes tell exactly where
+  the load is simple; Hooke's law gives the rest.
 """
 
 from __future__ import annotations
@@ -16,12 +19,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from .elements import jacobians, reference, shape_gradients
+from .boundary_surface import Boundary, BoundarySurface, free_facets
+from .elements import reference
+from .nodal_forces import face_loads, nodal_forces, without_body_force
+from .patch_recovery import extrapolated, mean_at_nodes, smooth_inside, strain_at
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 """Order of the components of strain and stress; shear strains are those of the tensor."""
 
-_CHUNK = 20_000
+_WEAK = 0.05
+"""Weight of the elements' strain on the boundary against loads and the surface's displacement."""
+_UNSURE = 0.02
+"""Weight of the surface's displacement on faces whose load is not known."""
+_FAINT = 1e-2
+"""Least stress of a face to compare its load with, as a share of the whole boundary's."""
 
 
 @dataclass(frozen=True)
@@ -73,11 +84,15 @@ class NodalStress:
         Numbers of the nodes, sorted.
     strain, stress : (m, 6) array
         In the order of `COMPONENTS`; stress in MPa.
+    loads : tuple of str
+        Loads that were found on the smooth faces of the boundary, see
+        `HybridVolume.core.nodal_forces.FaceLoads`.
     """
 
     nodes: np.ndarray
     strain: np.ndarray
     stress: np.ndarray
+    loads: tuple[str, ...] = ()
 
     @property
     def von_mises(self) -> np.ndarray:
@@ -119,18 +134,23 @@ def element_strain(
     -------
     (ne, k, 6) array
     """
-    places = reference(kind).nodes
-    gradients = shape_gradients(kind, places)
-    parts = [np.zeros((0, len(places), 6))]
-    for start in range(0, len(connectivity), _CHUNK):
-        rows = connectivity[start : start + _CHUNK]
-        # dx/dxi and du/dxi at the same places; du/dx = du/dxi dxi/dx
-        x = jacobians(kind, nodes[rows], places)
-        u = np.einsum("enc,mnd->emcd", displacement[rows], gradients, optimize=True)
-        slope = np.einsum("emcd,emdk->emck", u, np.linalg.inv(x))
-        symmetric = 0.5 * (slope + np.swapaxes(slope, 2, 3))
-        parts.append(symmetric[..., [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
-    return np.concatenate(parts)
+    return strain_at(kind, nodes, connectivity, displacement, reference(kind).nodes)
+
+
+def averaged(
+    nodes: np.ndarray,
+    elements: Sequence[tuple[str, np.ndarray]],
+    displacement: np.ndarray,
+    material: Material,
+) -> NodalStress:
+    """Mean of the elements' own strains at each node, without any fit: to compare with.
+
+    Parameters and result are those of `recover`.
+    """
+    nodes, displacement, used = _checked(nodes, elements, displacement)
+    parts = [(c, element_strain(kind, nodes, c, displacement)) for kind, c in elements]
+    strain = mean_at_nodes(len(nodes), parts)[used]
+    return NodalStress(used, strain, material.stress(strain))
 
 
 def recover(
@@ -138,16 +158,21 @@ def recover(
     elements: Sequence[tuple[str, np.ndarray]],
     displacement: np.ndarray,
     material: Material,
+    *,
+    boundary: Boundary | None = None,
 ) -> NodalStress:
     """Strain and stress at the nodes of all elements of one material.
 
     Parameters
     ----------
     nodes, displacement : (n, 3) arrays
-        mm.
+        mm; displacements of a static, linear analysis.
     elements : sequence of (str, (ne, k) int array)
         Kinds and connectivities.
     material : Material
+    boundary : Boundary, optional
+        Triangles of the outer boundary with their CAD faces and, if known, exact normals; else the
+        free faces of the elements, one face up to each sharp edge.
 
     Returns
     -------
@@ -158,6 +183,29 @@ def recover(
     InputError
         There are displacements for another number of nodes, or some are not finite.
     """
+    nodes, displacement, used = _checked(nodes, elements, displacement)
+    if not len(used):
+        return NodalStress(used, np.zeros((0, 6)), np.zeros((0, 6)))
+    free, others = free_facets(elements)
+    if boundary is None:
+        boundary = Boundary(free)
+    boundary = _within(boundary, free, others)
+    outside = np.zeros(len(nodes), dtype=bool)
+    outside[free] = outside[others] = True
+    rough = extrapolated(nodes, elements, displacement)
+    strain = smooth_inside(nodes, elements, displacement, rough, outside)
+    kinds: tuple[str, ...] = ()
+    if len(boundary.triangles):
+        strain, kinds = _on_boundary(
+            nodes, elements, displacement, material, strain, boundary, outside
+        )
+    return NodalStress(used, strain[used], material.stress(strain[used]), kinds)
+
+
+def _checked(
+    nodes: np.ndarray, elements: Sequence[tuple[str, np.ndarray]], displacement: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes about their middle and displacements as arrays, and the nodes in use, sorted."""
     nodes, displacement = np.asarray(nodes, dtype=float), np.asarray(displacement, dtype=float)
     if displacement.shape != nodes.shape:
         raise InputError(
@@ -172,14 +220,131 @@ def recover(
             figure=float(np.count_nonzero(~np.isfinite(displacement[used]).all(axis=1))),
             remedy="look at the solver's messages and at the supports",
         )
-    total, count = np.zeros((len(nodes), 6)), np.zeros(len(nodes))
-    for kind, connectivity in elements:
-        strain = element_strain(kind, nodes, connectivity, displacement)
-        flat = connectivity.ravel()
-        count += np.bincount(flat, minlength=len(nodes))
-        for component in range(6):
-            total[:, component] += np.bincount(
-                flat, strain[..., component].ravel(), minlength=len(nodes)
-            )
-    strain = total[used] / count[used, None]
-    return NodalStress(used, strain, material.stress(strain))
+    # far from the origin digits of the differences would be lost
+    middle = nodes[used].mean(axis=0) if len(used) else 0.0
+    return nodes - middle, displacement, used
+
+
+def _within(boundary: Boundary, free: np.ndarray, others: np.ndarray) -> Boundary:
+    """Only the triangles of a boundary that are free faces of the elements at hand.
+
+    Other free faces, between two materials, have no load: their nodes are set aside.
+    """
+    key = np.sort(np.asarray(boundary.triangles)[:, :3], axis=1)
+    own = np.sort(free[:, :3], axis=1)
+    size = 1 + max(int(key.max(initial=0)), int(own.max(initial=0)))
+
+    def one(rows: np.ndarray) -> np.ndarray:
+        return (rows[:, 0] * size + rows[:, 1]) * size + rows[:, 2]
+
+    kept = np.isin(one(key), one(own))
+    apart = free[~np.isin(one(own), one(key))]
+    return Boundary(
+        np.asarray(boundary.triangles)[kept],
+        None if boundary.face is None else np.asarray(boundary.face)[kept],
+        None if boundary.normals is None else np.asarray(boundary.normals)[kept],
+        np.union1d(np.union1d(others, boundary.others), apart).astype(int),
+    )
+
+
+def _on_boundary(
+    nodes: np.ndarray,
+    elements: Sequence[tuple[str, np.ndarray]],
+    displacement: np.ndarray,
+    material: Material,
+    strain: np.ndarray,
+    boundary: Boundary,
+    outside: np.ndarray,
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Strain at the nodes, on the boundary with loads and the surface's displacement."""
+    surface = BoundarySurface(nodes, boundary)
+    forces = nodal_forces(nodes, elements, displacement, material.stress)
+    inside = np.flatnonzero((forces.weight != 0.0) & ~outside)
+    force = without_body_force(forces, inside)
+    digits = rounding(displacement)
+    noise = nodal_forces(
+        nodes, elements, np.random.default_rng(0).uniform(-1.0, 1.0, nodes.shape) * digits,
+        material.stress,
+    ).force  # fmt: skip
+    noise = np.linalg.norm(noise, axis=1)
+    size = np.sum(tensor(material.stress(strain[surface.point_node])) ** 2, axis=(1, 2))
+    count = np.bincount(surface.point_face, minlength=surface.faces)
+    level = np.sqrt(np.bincount(surface.point_face, size, minlength=surface.faces) / count)
+    level = np.maximum(level, _FAINT * np.sqrt(size.mean()))
+    loads = face_loads(surface, force, noise, level)
+    return combined(surface, displacement, loads.traction, strain, material), loads.kinds
+
+
+def rounding(values: np.ndarray) -> np.ndarray:
+    """Half a unit of the last digit of values that were printed with few digits, else of doubles.
+
+    CalculiX prints displacements with six digits into its result files.
+    """
+    sizes = np.abs(values)
+    decade = 10.0 ** np.floor(np.log10(np.maximum(sizes, 1e-300)))
+    for digits in (5, 6):
+        unit = decade * 10.0**-digits
+        whole = values / unit
+        if np.all(np.abs(whole - np.round(whole)) < 1e-4):
+            return 0.5 * np.where(sizes > 0.0, unit, 0.0)
+    return np.finfo(float).eps * np.broadcast_to(sizes.max(initial=0.0), values.shape)
+
+
+def combined(
+    surface: BoundarySurface,
+    displacement: np.ndarray,
+    traction: np.ndarray,
+    strain: np.ndarray,
+    material: Material,
+) -> np.ndarray:
+    """Strain that fits what is known of each boundary node best: least squares.
+
+    Parameters
+    ----------
+    surface : BoundarySurface
+    displacement : (n, 3) array
+        mm.
+    traction : (np, 3) array
+        MPa, at the surface's points; nan where unknown.
+    strain : (n, 6) array
+        From the elements; it fills in what loads and surface leave open.
+    material : Material
+
+    Returns
+    -------
+    (n, 6) array
+        As ``strain``, but for the surface's nodes.
+    """
+    modulus = material.young / (1.0 + material.poisson)
+    frame, along = surface.frame, surface.tangential_strain(displacement)
+    known = np.isfinite(traction).all(axis=1)
+    # a face without a known load leaves the strain as the elements have it: better than half of it
+    trust = np.where(known, 1.0, _UNSURE)[:, None]
+    rows, values = [], []
+    for number, (a, b, weight) in enumerate(((0, 0, 1.0), (1, 1, 1.0), (0, 1, 2.0**0.5))):
+        rows.append(trust * modulus * weight * _product(frame[:, a], frame[:, b]))
+        values.append(trust[:, 0] * modulus * weight * along[:, number])
+    for axis in range(3):
+        sigma = material.stress(np.eye(6))  # stress of each component of strain
+        normal = surface.normal
+        pick = [[0, 3, 4], [3, 1, 5], [4, 5, 2]][axis]
+        rows.append(known[:, None] * (normal @ sigma[:, pick].T))
+        values.append(np.where(known, traction[:, axis], 0.0))
+    act, wanted = np.stack(rows, axis=1), np.stack(values, axis=1)
+    count, node = len(strain), surface.point_node
+    matrix, right = np.zeros((count, 6, 6)), np.zeros((count, 6))
+    np.add.at(matrix, node, np.swapaxes(act, 1, 2) @ act)
+    np.add.at(right, node, np.einsum("pri,pr->pi", act, wanted))
+    members = np.unique(node[known])
+    double = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0]) * (_WEAK * modulus) ** 2
+    matrix, right = matrix[members] + np.diag(double), right[members] + double * strain[members]
+    result = strain.copy()
+    result[members] = np.linalg.solve(matrix, right[..., None])[..., 0]
+    return result
+
+
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Rows that give a strain's component between two directions, (m, 6)."""
+    i, j = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]
+    twice = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
+    return a[:, i] * b[:, j] + twice * a[:, j] * b[:, i]

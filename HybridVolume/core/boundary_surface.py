@@ -1,0 +1,276 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""The boundary of a mesh as smooth faces: normals, areas, and derivatives along it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.csgraph as csgraph
+
+from .elements import EDGES, FACES, quadrature, reference, shape_functions, shape_gradients
+
+CREASE = 30.0
+"""Degrees between the normals of two triangles from which their common edge is sharp."""
+
+STEEPEST = 60.0
+"""Degrees between normals around a point up to which it is seen from its tangent plane."""
+_NEAR = 0.01
+"""Square of the distance, as a share of the farthest, within which all weights are alike."""
+_SINGULAR = 1e-10
+_BLOCK = 20_000
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """Triangles of a boundary, and what is known of them from outside the mesh.
+
+    Attributes
+    ----------
+    triangles : (nt, 6) or (nt, 3) int array
+        Oriented outward.
+    face : (nt,) int array or None
+        Number of the CAD face of each, or all are one.
+    normals : (nt, 6, 3) or (nt, 3, 3) array or None
+        Exact unit normals at the nodes, outward; else those of the triangles are averaged.
+    others : (m,) int array
+        Nodes that boundary faces touch which are no triangles.
+    """
+
+    triangles: np.ndarray
+    face: np.ndarray | None = None
+    normals: np.ndarray | None = None
+    others: np.ndarray | Sequence[int] = ()
+
+
+def free_facets(
+    elements: Sequence[tuple[str, np.ndarray]],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Faces that belong to one element only.
+
+    Returns
+    -------
+    triangles : (nt, 6) or (nt, 3) int array
+        Oriented outward.
+    others : (m,) int array
+        Nodes of those that are no triangles, sorted.
+    """
+    kinds: dict[int, list[np.ndarray]] = {}
+    for kind, connectivity in elements:
+        for face in FACES.get(kind, ()):
+            kinds.setdefault(len(face), []).append(connectivity[:, face])
+    free = {}
+    for size, rows in kinds.items():
+        found = np.concatenate(rows)
+        corners = np.sort(found[:, : 3 if size in (3, 6) else 4], axis=1)
+        _, inverse, count = np.unique(corners, axis=0, return_inverse=True, return_counts=True)
+        free[size] = found[count[inverse.reshape(-1)] == 1]
+    triangles = free.pop(6, free.pop(3, np.zeros((0, 6), dtype=int)))
+    return triangles, np.unique(np.concatenate([np.zeros(0, int), *map(np.ravel, free.values())]))
+
+
+class BoundarySurface:
+    """Smooth faces of a boundary and their points: a node on a sharp edge is a point of each face.
+
+    Attributes
+    ----------
+    points : (nt, k) int array
+        Points of each triangle.
+    point_node, point_face : (np,) int arrays
+        Node of the mesh, and face, of each point.
+    faces : int
+        Number of smooth faces.
+    position, normal : (np, 3) arrays
+        mm, and outward unit normals.
+    """
+
+    def __init__(self, nodes: np.ndarray, boundary: Boundary) -> None:
+        self.triangles = np.asarray(boundary.triangles)
+        self.others = np.asarray(boundary.others, dtype=int)
+        self._nodes = nodes
+        self.kind = f"tri{self.triangles.shape[1]}"
+        places = reference(self.kind).nodes
+        self._gradients = shape_gradients(self.kind, places)
+        self._tangents = np.einsum("tnc,mnd->tmcd", nodes[self.triangles], self._gradients)
+        cross = np.cross(self._tangents[..., 0], self._tangents[..., 1])
+        length = np.linalg.norm(cross, axis=2, keepdims=True)
+        normals = cross / np.where(length > 0.0, length, 1.0)
+        self.points, self.point_node = self._split(normals, boundary.face)
+        self.point_face, self.faces = self._components()
+        self.position = nodes[self.point_node]
+        given = normals if boundary.normals is None else boundary.normals
+        self.normal = _unit(self._mean(given))
+        self._even = self._bends(normals)
+        if boundary.normals is None and self.kind == "tri6":
+            slope, sound = self._slopes(self.position)
+            height = np.einsum("pck,pc->pk", slope, self.normal)
+            tilted = self.normal - np.einsum("pk,pkc->pc", height, self.frame[:, :2])
+            self.normal = np.where(sound[:, None], _unit(tilted), self.normal)
+            del self.frame
+
+    def _split(self, normals: np.ndarray, face: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Points of the triangles: corners of triangles that meet smoothly are one."""
+        triangles = self.triangles
+        count, width = triangles.shape
+        edges = EDGES[self.kind]
+        key = np.sort(np.concatenate([triangles[:, list(edge)] for edge in edges]), axis=1)
+        owner = np.tile(np.arange(count), len(edges))
+        local = np.repeat(np.arange(len(edges)), count)
+        order = np.lexsort((key[:, 1], key[:, 0]))
+        same = np.flatnonzero((key[order][1:] == key[order][:-1]).all(axis=1))
+        one, other = order[same], order[same + 1]
+        members = np.array(
+            [[*edge, *([3 + k] if width == 6 else [])] for k, edge in enumerate(edges)]
+        )
+        left = owner[one][:, None] * width + members[local[one]]
+        wanted = triangles.ravel()[left]
+        rows = triangles[owner[other]]
+        place = np.argmax(rows[:, None, :] == wanted[:, :, None], axis=2)
+        right = owner[other][:, None] * width + place
+        flat = normals.reshape(-1, 3)
+        smooth = np.einsum("emc,emc->em", flat[left], flat[right]).min(axis=1)
+        smooth = smooth > np.cos(np.radians(CREASE))
+        if face is not None:
+            smooth &= np.asarray(face)[owner[one]] == np.asarray(face)[owner[other]]
+        left, right = left[smooth].ravel(), right[smooth].ravel()
+        graph = sp.coo_matrix((np.ones(len(left)), (left, right)), (count * width,) * 2)
+        total, label = csgraph.connected_components(graph, directed=False)
+        node = np.empty(total, dtype=np.int64)
+        node[label] = triangles.ravel()
+        return label.reshape(count, width), node
+
+    def _components(self) -> tuple[np.ndarray, int]:
+        """Face of each point: points of one triangle are of one face."""
+        ends = np.repeat(self.points[:, :1], self.points.shape[1] - 1, axis=1).ravel()
+        others = self.points[:, 1:].ravel()
+        size = len(self.point_node)
+        graph = sp.coo_matrix((np.ones(len(ends)), (ends, others)), (size, size))
+        faces, label = csgraph.connected_components(graph, directed=False)
+        return label, faces
+
+    def _mean(self, values: np.ndarray) -> np.ndarray:
+        """Mean over the triangles around each point of (nt, k, m) values."""
+        flat, size = self.points.ravel(), len(self.point_node)
+        total = np.stack(
+            [
+                np.bincount(flat, column, minlength=size)
+                for column in values.reshape(len(flat), -1).T
+            ],
+            axis=1,
+        )
+        return total / np.bincount(flat, minlength=size)[:, None]
+
+    @cached_property
+    def _quadrature(self) -> tuple[np.ndarray, np.ndarray]:
+        """Shape functions (q, k), and the area of each triangle's points (nt, q), mm²."""
+        points, weights = quadrature("tri", 4)
+        slopes = shape_gradients(self.kind, points)
+        tangents = np.einsum("tnc,qnd->tqcd", self._nodes[self.triangles], slopes)
+        area = np.linalg.norm(np.cross(tangents[..., 0], tangents[..., 1]), axis=2)
+        return shape_functions(self.kind, points), area * weights
+
+    @cached_property
+    def mass(self) -> sp.csr_matrix:
+        """Nodal forces of tractions at the points, (n, np), mm²."""
+        values, area = self._quadrature
+        local = np.einsum("qi,qj,tq->tij", values, values, area)
+        width = self.points.shape[1]
+        rows = np.repeat(self.triangles, width, axis=1).ravel()
+        columns = np.tile(self.points, (1, width)).ravel()
+        shape = (len(self._nodes), len(self.point_node))
+        return sp.csr_matrix((local.ravel(), (rows, columns)), shape)
+
+    @cached_property
+    def node_area(self) -> np.ndarray:
+        """Area of the triangles around each node of the mesh, (n,), mm²."""
+        area = np.repeat(self._quadrature[1].sum(axis=1), self.points.shape[1])
+        return np.bincount(self.triangles.ravel(), area, minlength=len(self._nodes))
+
+    @cached_property
+    def frame(self) -> np.ndarray:
+        """Two tangents and the normal at each point, in rows, (np, 3, 3)."""
+        least = np.eye(3)[np.argmin(np.abs(self.normal), axis=1)]
+        first = _unit(np.cross(self.normal, least))
+        return np.stack([first, np.cross(self.normal, first), self.normal], axis=1)
+
+    def tangential_strain(self, displacement: np.ndarray) -> np.ndarray:
+        """Strain along the surface in the frame's tangents: 11, 22, 12, (np, 3)."""
+        slope = np.einsum("tnc,mnd->tmcd", displacement[self.triangles], self._gradients)
+        inverse = np.linalg.pinv(self._tangents, rcond=1e-6)
+        gradient = self._mean((slope @ inverse).reshape(len(slope), -1, 9)).reshape(-1, 3, 3)
+        along = np.einsum("pck,pbk->pcb", gradient, self.frame[:, :2])
+        if self.kind == "tri6":
+            fitted, sound = self._slopes(displacement[self.point_node])
+            along = np.where(sound[:, None, None], fitted, along)
+        local = np.einsum("pac,pcb->pab", self.frame[:, :2], along)
+        shear = 0.5 * (local[:, 0, 1] + local[:, 1, 0])
+        return np.column_stack([local[:, 0, 0], local[:, 1, 1], shear])
+
+    def _bends(self, normals: np.ndarray) -> np.ndarray:
+        """Whether the triangles around each point see it from within `STEEPEST`, (np,)."""
+        towards = np.einsum("tkc,tmc->tkm", self.normal[self.points], normals).min(axis=2)
+        least = np.ones(len(self.point_node))
+        np.minimum.at(least, self.points.ravel(), towards.ravel())
+        return least > np.cos(np.radians(STEEPEST))
+
+    @cached_property
+    def _rings(self) -> tuple[np.ndarray, np.ndarray]:
+        """Points of the triangles around each point, in rows filled up, and which ones count."""
+        count, width = self.points.shape
+        rows, columns = self.points.ravel(), np.repeat(np.arange(count), width)
+        size = len(self.point_node)
+        corner = sp.csr_matrix((np.ones(len(rows)), (rows, columns)), (size, count))
+        ring = (corner @ corner.T).tocsr()
+        length = np.diff(ring.indptr)
+        index = np.zeros((size, length.max(initial=1)), dtype=np.int64)
+        used = np.arange(index.shape[1]) < length[:, None]
+        index[used] = ring.indices
+        return index, used
+
+    def _slopes(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives along the frame's tangents by a quadric over the triangles around a point.
+
+        It sees the surface from the tangent plane, so that mid nodes beside the middle of their
+        edges, as uneven parameters give them, do no harm.
+
+        Parameters
+        ----------
+        values : (np, 3) array
+
+        Returns
+        -------
+        slopes : (np, 3, 2) array
+        sound : (np,) bool array
+            False where the triangles are too few, or bend too much.
+        """
+        slopes = np.zeros((len(self.point_node), 3, 2))
+        sound = self._even.copy()
+        index, used = self._rings
+        for start in range(0, len(slopes), _BLOCK):
+            part = slice(start, start + _BLOCK)
+            ring, weight = index[part], used[part]
+            away = self.position[ring] - self.position[part][:, None]
+            x = np.einsum("psc,pkc->psk", away, self.frame[part][:, :2])
+            scale = np.sqrt(np.max(np.sum(x**2, axis=2) * weight, axis=1))
+            x = x / scale[:, None, None]
+            weight = weight / (_NEAR + np.sum(x**2, axis=2))
+            a, b = x[..., 0], x[..., 1]
+            basis = np.stack([np.ones_like(a), a, b, a * a, a * b, b * b], axis=2)
+            basis = basis * weight[..., None]
+            wanted = (values[ring] - values[part][:, None]) * weight[..., None]
+            size, vectors = np.linalg.eigh(np.swapaxes(basis, 1, 2) @ basis)
+            sound[part] &= size[:, 0] > _SINGULAR * size[:, -1]
+            size = np.maximum(size, _SINGULAR * size[:, -1:])
+            right = np.swapaxes(basis, 1, 2) @ wanted
+            found = vectors @ ((np.swapaxes(vectors, 1, 2) @ right) / size[..., None])
+            slopes[part] = np.swapaxes(found[:, 1:3], 1, 2) / scale[:, None, None]
+        return slopes, sound
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return vectors / np.where(length > 0.0, length, 1.0)
