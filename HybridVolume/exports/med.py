@@ -83,7 +83,8 @@ def _compare(found: Any, nodes: np.ndarray, blocks: list[Block]) -> None:
             f"FreeCAD's MED file has not the whole mesh: {', '.join(sorted(wrong)) or 'elements'}",
             remedy="export to another format",
         )
-    places = np.array([tuple(found.Nodes[n]) for n in sorted(found.Nodes)])
+    held = found.Nodes  # FreeCAD makes this dictionary anew each time it is asked for
+    places = np.array([tuple(held[n]) for n in sorted(held)])
     if not np.array_equal(places, nodes):
         raise FaultError(
             "FreeCAD's MED file has the nodes at other places", remedy="export to another format"
