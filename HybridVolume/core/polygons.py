@@ -167,9 +167,10 @@ class PolygonMesh:
     @property
     def edges(self) -> tuple[np.ndarray, np.ndarray]:
         """Ends (e, 2) of all edges, the smaller first, and the edge after each corner (nc,)."""
-        ends = np.sort(np.column_stack([self.corners, self.following]), axis=1)
-        unique, inverse = np.unique(ends, axis=0, return_inverse=True)
-        return unique, inverse.reshape(-1)
+        a, b, n = self.corners, self.following, len(self.vertices)
+        keys = np.minimum(a, b) * n + np.maximum(a, b)
+        unique, inverse = np.unique(keys, return_inverse=True)
+        return np.column_stack(np.divmod(unique, n)), inverse.reshape(-1)
 
     @property
     def diagonal(self) -> float:

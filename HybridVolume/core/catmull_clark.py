@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""Catmull-Clark surfaces as bicubic B-spline patches (Figs. 1 and 3).
+
+Where all vertices of a quad have four edges its bicubic patch is the limit surface itself; around
+the others it is the approximation of Loop and Schaefer 2008, which meets its neighbours without a
+gap and nearly with one normal. Sharp edges are cubic B-spline curves. Quads of a patch that the
+layout gives become one B-spline patch, whose knots are simple where the quads meet with continuous
+curvature all along a line.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import bspline
+from .polygons import PolygonMesh
+from .quad_layout import quad_layout
+from .subdivision import Corners, limit_points, subdivide
+from .surface import SplineFace
+
+STEPS = 1
+"""Subdivisions before the patches are made."""
+STILL_SHARP = 0.5
+"""Sharpness that is left after them from which on an edge is taken as sharp for good."""
+EXACT = 1e-11
+"""Share of the diagonal by which a patch with fewer knots may miss its quads."""
+_DEEP = 2
+
+
+@dataclass(frozen=True)
+class CatmullClark:
+    """Patches of a Catmull-Clark surface, and how near they come to it.
+
+    Attributes
+    ----------
+    faces : tuple of SplineFace
+    quads : int
+        Quads of the cage that the patches stand for.
+    distance : float
+        Largest distance of the limit surface from the patches, at the same parameters, mm.
+    normal_jump : float
+        Largest angle between normals at sides of quads that are not sharp, rad.
+    """
+
+    faces: tuple[SplineFace, ...]
+    quads: int
+    distance: float
+    normal_jump: float
+
+
+def catmull_clark(mesh: PolygonMesh, steps: int = STEPS) -> CatmullClark:
+    """Bicubic patches of the limit surface of a cage.
+
+    Parameters
+    ----------
+    mesh : PolygonMesh
+        Closed, as `mended` gives it.
+    steps : int
+        Subdivisions first, at least one where there are other faces than quads. Each about halves
+        the distance to the limit surface.
+    """
+    if (mesh.sizes != 4).any():
+        steps = max(steps, 1)
+    cage = subdivide(mesh, steps)
+    nets, sharp = bezier_nets(cage)
+    return CatmullClark(
+        tuple(_merged(cage, nets, sharp)),
+        len(cage),
+        _distance(cage, nets),
+        _normal_jump(cage, nets, sharp),
+    )
+
+
+def bezier_nets(cage: PolygonMesh) -> tuple[np.ndarray, np.ndarray]:
+    """Bicubic Bézier control points of each quad.
+
+    Parameters
+    ----------
+    cage : PolygonMesh
+        Of quads.
+
+    Returns
+    -------
+    nets : (nf, 4, 4, 3) array
+        u runs from the first corner of a quad to the second.
+    sharp : (nc,) bool array
+        Whether the side after each corner is sharp.
+    """
+    x, quads, topology = cage.vertices, cage.quads, Corners.of(cage)
+    on_edge = topology.sharpness >= STILL_SHARP
+    sharp = on_edge[topology.edge]
+    count = topology.sum_over_edges(on_edge.astype(float))
+    corner = np.arange(quads.size)
+    vertex = quads.ravel()
+    after = np.roll(quads, -1, axis=1).ravel()
+    across = np.roll(quads, -2, axis=1).ravel()
+    before = np.roll(quads, 1, axis=1).ravel()
+    # inner points, each near its vertex: a crease has as many faces on its side twice
+    n = np.where(
+        count[vertex] < 2, topology.valence[vertex], 2 * _side_faces(topology, cage, sharp)
+    )
+    n = np.where(count[vertex] > 2, 4, n)[:, None].astype(float)
+    inner = (n * x[vertex] + 2.0 * (x[after] + x[before]) + x[across]) / (n + 5.0)
+    # points on sides, at the corner before the side and at the one after it
+    order = np.argsort(topology.edge, kind="stable").reshape(-1, 2)
+    twin = np.empty_like(corner)
+    twin[order[:, 0]], twin[order[:, 1]] = order[:, 1], order[:, 0]
+    following = corner - corner % 4 + (corner + 1) % 4
+    # the twin side runs back: the corner after it is at this vertex
+    begin = 0.5 * (inner + inner[following[twin]])
+    end = 0.5 * (inner[following] + inner[twin])
+    ruled = sharp & (count[vertex] >= 2)
+    begin[ruled] = (2.0 * x[vertex] + x[after])[ruled] / 3.0
+    ruled = sharp & (count[after] >= 2)
+    end[ruled] = (2.0 * x[after] + x[vertex])[ruled] / 3.0
+    places = _corner_points(cage, topology, inner, on_edge, count)
+    nets = np.empty((len(quads), 4, 4, 3))
+    inner, begin, end = (a.reshape(-1, 4, 3) for a in (inner, begin, end))
+    corners = places[quads]
+    at = ((0, 0), (3, 0), (3, 3), (0, 3))
+    inside = ((1, 1), (2, 1), (2, 2), (1, 2))
+    starts = ((1, 0), (3, 1), (2, 3), (0, 2))
+    ends = ((2, 0), (3, 2), (1, 3), (0, 1))
+    for k in range(4):
+        for (i, j), values in zip(
+            (at[k], inside[k], starts[k], ends[k]), (corners, inner, begin, end), strict=True
+        ):
+            nets[:, i, j] = values[:, k]
+    return nets, sharp
+
+
+def _side_faces(topology: Corners, cage: PolygonMesh, sharp: np.ndarray) -> np.ndarray:
+    """Faces at the vertex of each corner that no sharp edge parts from it, (nc,)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    order = np.argsort(topology.edge, kind="stable").reshape(-1, 2)
+    order = order[~sharp[order[:, 0]]]
+    one, other = order.T
+
+    def following(c: np.ndarray) -> np.ndarray:
+        return c - c % 4 + (c + 1) % 4
+
+    rows = np.concatenate([one, following(one)])
+    columns = np.concatenate([following(other), other])
+    n = len(cage.corners)
+    graph = coo_array((np.ones(len(rows)), (rows, columns)), (n, n))
+    _, label = connected_components(graph, directed=False)
+    return np.bincount(label)[label]
+
+
+def _corner_points(
+    cage: PolygonMesh, topology: Corners, inner: np.ndarray, on_edge: np.ndarray, count: np.ndarray
+) -> np.ndarray:
+    """Where the vertices come to lie, (n, 3): on the limit surface."""
+    x = cage.vertices
+    places = np.column_stack(
+        [np.bincount(cage.corners, column, len(x)) for column in inner.T]
+    ) / np.bincount(cage.corners, minlength=len(x))[:, None]  # fmt: skip
+    crease = (4.0 * x + topology.sum_of_neighbours(x, on_edge)) / 6.0
+    places = np.where((count == 2)[:, None], crease, places)
+    return np.where((count > 2)[:, None], x, places)
+
+
+def _merged(cage: PolygonMesh, nets: np.ndarray, sharp: np.ndarray) -> list[SplineFace]:
+    """One B-spline patch for each patch of the layout."""
+    quads = cage.quads
+    sides = np.column_stack([quads.ravel(), np.roll(quads, -1, axis=1).ravel()])[sharp]
+    layout = quad_layout(quads, sides)
+    # nets with u and v of the patch: turned by the first corner
+    turned = np.empty_like(nets)
+    for first in range(4):
+        which = layout.first == first
+        turned[which] = np.rot90(nets[which], -first, axes=(1, 2))
+    order = np.lexsort((layout.cell[:, 1], layout.cell[:, 0], layout.patch))
+    starts = np.concatenate([[0], np.cumsum(np.bincount(layout.patch))])
+    faces = []
+    for k, grid in enumerate(layout.grids):
+        m, n = grid.shape[0] - 1, grid.shape[1] - 1
+        pieces = turned[order[starts[k] : starts[k + 1]]].reshape(m, n, 4, 4, 3)
+        points = np.empty((3 * m + 1, 3 * n + 1, 3))
+        for i in range(m):
+            for j in range(n):
+                points[3 * i : 3 * i + 4, 3 * j : 3 * j + 4] = pieces[i, j]
+        knots_u, points = _simpler(points, m, cage.diagonal)
+        knots_v, points = _simpler(points.transpose(1, 0, 2), n, cage.diagonal)
+        points = points.transpose(1, 0, 2)
+        faces.append(
+            SplineFace(
+                name=f"Face{k + 1}",
+                degrees=(3, 3),
+                knots=(knots_u, knots_v),
+                control_points=np.ascontiguousarray(points),
+                weights=np.ones(points.shape[:2]),
+            )
+        )
+    return faces
+
+
+def _simpler(points: np.ndarray, spans: int, size: float) -> tuple[np.ndarray, np.ndarray]:
+    """Knots and control points along the first axis, simple knots where that changes nothing."""
+    inner = np.arange(1, spans)
+    left, right = points[3 * inner - 2], points[3 * inner + 2]
+    a, b, middle = points[3 * inner - 1], points[3 * inner + 1], points[3 * inner]
+    off = np.maximum(np.abs(a + b - 2.0 * middle), np.abs(left - 2.0 * a - right + 2.0 * b))
+    plain = off.max(axis=(1, 2), initial=0.0) <= EXACT * size
+    full = np.concatenate([[0.0], np.repeat(np.arange(spans + 1.0), 3), [float(spans)]])
+    if not plain.any():
+        return full, points
+    knots = np.concatenate(
+        [np.zeros(4), np.repeat(inner, np.where(plain, 1, 3)).astype(float), np.full(4, spans)]
+    )
+    # the control points that give these ones by knot insertion
+    raised = bspline.insertion_matrix(3, knots, full)
+    flat = points.reshape(len(points), -1)
+    found, *_ = np.linalg.lstsq(raised, flat, rcond=None)
+    found[0], found[-1] = flat[0], flat[-1]
+    if np.abs(raised @ found - flat).max() > 10.0 * EXACT * size:
+        return full, points
+    return knots, found.reshape(-1, *points.shape[1:])
+
+
+def _bernstein(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cubic Bernstein polynomials and their derivatives, (nt, 4) each."""
+    s = 1.0 - t
+    value = np.stack([s**3, 3 * s * s * t, 3 * s * t * t, t**3], axis=-1)
+    slope = np.stack([-3 * s * s, 3 * s * s - 6 * s * t, 6 * s * t - 3 * t * t, 3 * t * t], axis=-1)
+    return value, slope
+
+
+def _distance(cage: PolygonMesh, nets: np.ndarray) -> float:
+    """Largest distance of vertices of a much finer cage, on the limit surface, from the patches."""
+    uv = np.tile(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]), (len(cage), 1, 1))
+    root = np.arange(len(cage))
+    deep = cage
+    for _ in range(_DEEP):
+        deep = subdivide(deep)
+        after, before = np.roll(uv, -1, axis=1), np.roll(uv, 1, axis=1)
+        middle = np.broadcast_to(uv.mean(axis=1, keepdims=True), uv.shape)
+        uv = np.stack([uv, 0.5 * (uv + after), middle, 0.5 * (uv + before)], axis=2)
+        uv = uv.reshape(-1, 4, 2)
+        root = np.repeat(root, 4)
+    limit = limit_points(deep)[deep.quads]
+    # one corner of each quad says it all but for sides, which neighbours have in common
+    left, right = (_bernstein(uv[:, 0, axis])[0] for axis in (0, 1))
+    points = np.einsum("qa,qb,qabd->qd", left, right, nets[root], optimize=True)
+    return float(np.linalg.norm(points - limit[:, 0], axis=1).max())
+
+
+def _normal_jump(cage: PolygonMesh, nets: np.ndarray, sharp: np.ndarray) -> float:
+    """Largest angle of the normals of neighbours at 9 places of their sides that are not sharp."""
+    edge = Corners.of(cage).edge
+    order = np.argsort(edge, kind="stable").reshape(-1, 2)
+    order = order[~sharp[order[:, 0]]]
+    t = np.linspace(0.0, 1.0, 9)
+    normal = np.empty((len(nets), 4, len(t), 3))
+    for side, (u, v) in enumerate(((t, 0 * t), (0 * t + 1, t), (1 - t, 0 * t + 1), (0 * t, 1 - t))):
+        (left, du), (right, dv) = _bernstein(u), _bernstein(v)
+        normal[:, side] = np.cross(
+            np.einsum("qa,qb,fabd->fqd", du, right, nets, optimize=True),
+            np.einsum("qa,qb,fabd->fqd", left, dv, nets, optimize=True),
+        )
+    normal /= np.maximum(np.linalg.norm(normal, axis=3, keepdims=True), 1e-300)
+    normal = normal.reshape(-1, len(t), 3)
+    one, other = normal[order[:, 0]], normal[order[:, 1], ::-1]
+    sine = np.linalg.norm(np.cross(one, other), axis=2)
+    return float(np.arctan2(sine, (one * other).sum(axis=2)).max(initial=0.0))
