@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from HybridVolume.core.elements import reference
+
 if TYPE_CHECKING:
     from HybridVolume.core.finite_elements import FiniteElementMesh
 
@@ -58,6 +60,18 @@ def blocks_of(mesh: FiniteElementMesh) -> list[Block]:
     ]
     found += [Block(name, 2, mesh.face_kind, mesh.face_triangles(name)) for name in mesh.face_names]
     return [*found, Block(INTERFACE, 2, mesh.face_kind, mesh.interface)]
+
+
+def interface_wedges(mesh: FiniteElementMesh) -> np.ndarray:
+    """The wedge over each triangle of the interface, (ni,); its bottom has the same corners."""
+    corners = reference(mesh.face_kind).corners
+    bottoms = np.sort(mesh.wedges[:, :corners], axis=1)
+    wanted = np.sort(mesh.interface[:, :corners], axis=1)
+    _, row = np.unique(np.concatenate([bottoms, wanted]), axis=0, return_inverse=True)
+    row = row.reshape(-1)
+    owner = np.full(row.max(initial=0) + 1, -1)
+    owner[row[: len(bottoms)]] = np.arange(len(bottoms))
+    return owner[row[len(bottoms) :]]
 
 
 def plain_names(names: Iterable[str], capitals: bool = False, longest: int = 60) -> dict[str, str]:

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from HybridVolume.core.atomic import replacing
-from HybridVolume.core.elements import VTK_TYPES, reference, to_order
+from HybridVolume.core.elements import VTK_TYPES, to_order
 
-from .blocks import SHELL, Block, blocks_of
+from .blocks import SHELL, Block, blocks_of, interface_wedges
 from .vtk_xml import HEADER, Appended, strings_tag
 
 if TYPE_CHECKING:
@@ -81,15 +81,7 @@ def _wedges(mesh: FiniteElementMesh, block: Block) -> np.ndarray:
         return np.full(len(block.connectivity), -1)
     if block.group in mesh.face_names:
         return mesh.boundary_wedge[mesh.boundary_face == mesh.face_names.index(block.group)]
-    # bottoms of wedges have the corners of the interface's triangles
-    corners = reference(mesh.face_kind).corners
-    bottoms = np.sort(mesh.wedges[:, :corners], axis=1)
-    wanted = np.sort(block.connectivity[:, :corners], axis=1)
-    _, row = np.unique(np.concatenate([bottoms, wanted]), axis=0, return_inverse=True)
-    row = row.reshape(-1)
-    owner = np.full(row.max(initial=0) + 1, -1)
-    owner[row[: len(bottoms)]] = np.arange(len(bottoms))
-    return owner[row[len(bottoms) :]]
+    return interface_wedges(mesh)
 
 
 def _of_cells(

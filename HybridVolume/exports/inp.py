@@ -2,16 +2,17 @@
 # SPDX-FileCopyrightText: The HybridVolume authors
 """NAME.inp: a complete deck for CalculiX (and Abaqus) of the conforming mesh.
 
-Sets: elements SHELL and CORE; for every CAD face the nodes N_<FACE>, the elements E_<FACE> under it
-and the surface S_<FACE>; nodes N_INTERFACE. Units are mm, N, MPa, t. Without loads the deck presses
-on the whole boundary with 1 MPa on a statically determinate support: the exact answer is a stress
-of -1 MPa in all directions everywhere, a check of mesh and solver.
+Sets: elements SHELL and CORE; for every CAD face, and for INTERFACE, the nodes N_<FACE>, the
+elements of the shell E_<FACE> that touch it and their surface S_<FACE>. Units are mm, N, MPa, t.
+Without loads the deck presses on the whole boundary with 1 MPa on a statically determinate support:
+the exact answer is a stress of -1 MPa in all directions everywhere, a check of mesh and solver.
+
+A mesh with hexahedra has the equations that join them to the core (`core.hexahedra`).
 """
 
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -26,13 +27,16 @@ from HybridVolume.core.elements import (
     shape_functions,
     shape_gradients,
 )
+from HybridVolume.core.hexahedra import CENTRE, HexahedralMesh
 from HybridVolume.errors import InputError
+
+from .blocks import CORE, INTERFACE, SHELL, interface_wedges, plain_names
 
 if TYPE_CHECKING:
     from HybridVolume.core.finite_elements import FiniteElementMesh
 
-_OUTER_SIDE = 2
-"""CalculiX's number of the top of a wedge, which is the outer side of ours."""
+_OUTER_SIDE, _INNER_SIDE = 2, 1
+"""CalculiX's numbers of the top and the bottom of wedges and hexahedra."""
 
 
 @dataclass(frozen=True)
@@ -55,11 +59,91 @@ class Material:
     density: float = 7.85e-9
 
 
+@dataclass(frozen=True)
+class Deck:
+    """What a deck says of a mesh.
+
+    Attributes
+    ----------
+    nodes : (n, 3) array
+        mm
+    parts : list of (str, str, (m, k) int array)
+        Group (Shell or Core), kind and connectivity; elements are numbered in this order.
+    faces : dict of str to list of (str, (m, k) int array, (m,) int array)
+        For each CAD face, kinds and nodes of the tops of elements, and these elements from 0.
+    inner : (m,) int array
+        Elements of the shell at the interface.
+    interface : (m,) int array
+        Nodes there.
+    centres, followed : (e,), (e, 8) int arrays
+        As of `HexahedralMesh`.
+    """
+
+    nodes: np.ndarray
+    parts: list[tuple[str, str, np.ndarray]]
+    faces: dict[str, list[tuple[str, np.ndarray, np.ndarray]]]
+    inner: np.ndarray
+    interface: np.ndarray
+    centres: np.ndarray
+    followed: np.ndarray
+
+
+def deck_of(mesh: FiniteElementMesh | HexahedralMesh) -> Deck:
+    """Elements, faces and equations of either kind of mesh."""
+    if isinstance(mesh, HexahedralMesh):
+        return _hexahedral_deck(mesh)
+    faces = {}
+    for number, name in enumerate(mesh.face_names):
+        own = mesh.boundary_face == number
+        faces[name] = [(mesh.face_kind, mesh.boundary[own], mesh.boundary_wedge[own])]
+    return Deck(
+        nodes=mesh.nodes,
+        parts=_filled(
+            (SHELL, mesh.wedge_kind, mesh.wedges),
+            (CORE, mesh.tet_kind, mesh.tets),
+        ),
+        faces=faces,
+        inner=np.unique(interface_wedges(mesh)),
+        interface=np.unique(mesh.interface),
+        centres=np.zeros(0, dtype=int),
+        followed=np.zeros((0, 8), dtype=int),
+    )
+
+
+def _hexahedral_deck(mesh: HexahedralMesh) -> Deck:
+    count = len(mesh.hexes)
+    faces = {}
+    for number, name in enumerate(mesh.face_names):
+        quads, triangles = mesh.quad_face == number, mesh.triangle_face == number
+        faces[name] = [
+            ("quad8", mesh.quads[quads], mesh.quad_hex[quads]),
+            ("tri6", mesh.triangles[triangles], count + mesh.triangle_wedge[triangles]),
+        ]
+    layers = np.concatenate([mesh.hex_layer, mesh.wedge_layer])
+    return Deck(
+        nodes=mesh.nodes,
+        parts=_filled(
+            (SHELL, "hex20", mesh.hexes),
+            (SHELL, "penta15", mesh.wedges),
+            (CORE, "tet10", mesh.tets),
+        ),
+        faces=faces,
+        inner=np.flatnonzero(layers == layers.max()),
+        interface=np.unique(mesh.interface),
+        centres=mesh.centres,
+        followed=mesh.followed,
+    )
+
+
+def _filled(*parts: tuple[str, str, np.ndarray]) -> list[tuple[str, str, np.ndarray]]:
+    return [part for part in parts if len(part[2])]
+
+
 def write_inp(
     path: str | os.PathLike,
-    mesh: FiniteElementMesh,
+    mesh: FiniteElementMesh | HexahedralMesh,
     *,
-    material: Material | None = None,
+    material: Material | Mapping[str, Material] | None = None,
     fixed: Sequence[str] = (),
     pressure: Mapping[str, float] | None = None,
     force: Mapping[str, Sequence[float]] | None = None,
@@ -70,8 +154,8 @@ def write_inp(
     Parameters
     ----------
     path : path
-    mesh : FiniteElementMesh
-    material : Material, optional
+    mesh : FiniteElementMesh or HexahedralMesh
+    material : Material, or mapping of "Shell" and "Core" to Material, optional
         Steel by default.
     fixed : sequence of str
         CAD faces without displacement; by default three nodes just hold the body.
@@ -85,7 +169,7 @@ def write_inp(
     Raises
     ------
     InputError
-        There is no such face.
+        There is no such face, or a part has no material.
     OSError
         The place cannot be written.
     """
@@ -101,69 +185,103 @@ def write_inp(
         )
     if not pressure and not force:
         pressure = dict.fromkeys(mesh.face_names, 1.0)
+    deck = deck_of(mesh)
+    materials = _materials(deck, material)
     names = set_names(mesh.face_names)
     with replacing(path) as file:
         for lines in (
-            _model(mesh, material or Material(), names, title),
-            _step(mesh, names, fixed, pressure, force),
+            _model(deck, materials, names, title),
+            _step(mesh, deck, names, fixed, pressure, force),
         ):
             for line in lines:
                 file.write(line.encode("ascii", "replace") + b"\n")
 
 
+def _materials(
+    deck: Deck, material: Material | Mapping[str, Material] | None
+) -> dict[str, Material]:
+    """Material of each part."""
+    parts = list(dict.fromkeys(part for part, _, _ in deck.parts))
+    if not isinstance(material, Mapping):
+        return dict.fromkeys(parts, material or Material())
+    missing = [part for part in parts if part not in material]
+    if missing:
+        raise InputError(
+            f"{missing[0]} has no material", remedy=f"give one for {' and '.join(parts)}"
+        )
+    named: dict[str, Material] = {}
+    for part in parts:
+        if named.setdefault(material[part].name.upper(), material[part]) != material[part]:
+            raise InputError(
+                f"two materials are named {material[part].name}", remedy="name them differently"
+            )
+    return {part: material[part] for part in parts}
+
+
 def set_names(faces: Sequence[str]) -> dict[str, str]:
     """Name of each CAD face in sets: capitals, digits and underscores, each name once."""
-    found: dict[str, str] = {}
-    for face in faces:
-        name = base = re.sub(r"[^A-Z0-9_]", "_", face.upper())[:60] or "FACE"
-        count = 1
-        while name in found.values():
-            count += 1
-            name = f"{base}_{count}"
-        found[face] = name
-    return found
+    # the sets of the whole and of the interface have names of the same kind
+    found = plain_names(("ALL", INTERFACE, *faces), capitals=True)
+    return {face: found[face] for face in faces}
 
 
 def _model(
-    mesh: FiniteElementMesh, material: Material, names: Mapping[str, str], title: str
+    deck: Deck, materials: Mapping[str, Material], names: Mapping[str, str], title: str
 ) -> Iterator[str]:
     yield "*HEADING"
     yield f"{' '.join(title.split())[:70] or 'Hybrid volume'} (mm, N, MPa, t)"
     yield "*NODE, NSET=N_ALL"
     # CalculiX reads 20 characters of a number
     yield from (
-        f"{n},{x:.13e},{y:.13e},{z:.13e}" for n, (x, y, z) in enumerate(mesh.nodes.tolist(), 1)
+        f"{n},{x:.13e},{y:.13e},{z:.13e}" for n, (x, y, z) in enumerate(deck.nodes.tolist(), 1)
     )
     start = 1
-    for name, kind, connectivity in _parts(mesh):
-        yield f"*ELEMENT, TYPE={CALCULIX_NAMES[kind]}, ELSET={name}"
+    for part, kind, connectivity in deck.parts:
+        yield f"*ELEMENT, TYPE={CALCULIX_NAMES[kind]}, ELSET={part.upper()}"
         for number, row in enumerate((connectivity + 1).tolist(), start):
-            yield f"{number}," + ",".join(map(str, row))
+            text = ",".join(map(str, (number, *row[:15])))
+            # a line has 16 numbers at most
+            yield text + "," if len(row) > 15 else text
+            if len(row) > 15:
+                yield ",".join(map(str, row[15:]))
         start += len(connectivity)
     for face, name in names.items():
-        under = mesh.boundary_wedge[mesh.boundary_face == mesh.face_names.index(face)] + 1
-        yield f"*NSET, NSET=N_{name}"
-        yield from _rows(mesh.face_nodes(face) + 1)
-        yield f"*ELSET, ELSET=E_{name}"
-        yield from _rows(under)
-        yield f"*SURFACE, NAME=S_{name}, TYPE=ELEMENT"
-        yield f"E_{name}, S{_OUTER_SIDE}"
-    if len(mesh.interface):
-        yield "*NSET, NSET=N_INTERFACE"
-        yield from _rows(np.unique(mesh.interface) + 1)
-    yield f"*MATERIAL, NAME={material.name}"
-    yield "*ELASTIC"
-    yield f"{material.young:.9g}, {material.poisson:.9g}"
-    yield "*DENSITY"
-    yield f"{material.density:.9g}"
-    for name, _, _ in _parts(mesh):
-        yield f"*SOLID SECTION, ELSET={name}, MATERIAL={material.name}"
+        nodes = [rows.ravel() for _, rows, _ in deck.faces[face]]
+        under = [elements for _, _, elements in deck.faces[face]]
+        yield from _surface(name, np.concatenate(nodes), np.concatenate(under), _OUTER_SIDE)
+    if len(deck.interface):
+        yield from _surface(INTERFACE.upper(), deck.interface, deck.inner, _INNER_SIDE)
+    for material in {one.name.upper(): one for one in materials.values()}.values():
+        yield f"*MATERIAL, NAME={material.name}"
+        yield "*ELASTIC"
+        yield f"{material.young:.9g}, {material.poisson:.9g}"
+        yield "*DENSITY"
+        yield f"{material.density:.9g}"
+    for part, material in materials.items():
+        yield f"*SOLID SECTION, ELSET={part.upper()}, MATERIAL={material.name}"
+    yield from _equations(deck)
 
 
-def _parts(mesh: FiniteElementMesh) -> list[tuple[str, str, np.ndarray]]:
-    """Element sets that are not empty, in the order of their numbers."""
-    parts = [("SHELL", mesh.wedge_kind, mesh.wedges), ("CORE", mesh.tet_kind, mesh.tets)]
-    return [part for part in parts if len(part[2])]
+def _surface(name: str, nodes: np.ndarray, elements: np.ndarray, side: int) -> Iterator[str]:
+    yield f"*NSET, NSET=N_{name}"
+    yield from _rows(np.unique(nodes) + 1)
+    yield f"*ELSET, ELSET=E_{name}"
+    yield from _rows(np.unique(elements) + 1)
+    yield f"*SURFACE, NAME=S_{name}, TYPE=ELEMENT"
+    yield f"E_{name}, S{side}"
+
+
+def _equations(deck: Deck) -> Iterator[str]:
+    """Each centre follows the nodes around it; an equation's first node depends on the others."""
+    if len(deck.centres):
+        yield "*EQUATION"
+    rows = np.column_stack([deck.centres, deck.followed]) + 1
+    factors = [1.0, *(-CENTRE).tolist()]
+    for row in rows.tolist():
+        for axis in (1, 2, 3):
+            terms = [f"{node},{axis},{f:g}" for node, f in zip(row, factors, strict=True)]
+            yield str(len(terms))
+            yield from (",".join(terms[i : i + 4]) for i in range(0, len(terms), 4))
 
 
 def _rows(numbers: np.ndarray) -> Iterator[str]:
@@ -172,7 +290,8 @@ def _rows(numbers: np.ndarray) -> Iterator[str]:
 
 
 def _step(
-    mesh: FiniteElementMesh,
+    mesh: FiniteElementMesh | HexahedralMesh,
+    deck: Deck,
     names: Mapping[str, str],
     fixed: Sequence[str],
     pressure: Mapping[str, float],
@@ -204,7 +323,7 @@ def _step(
 
 
 def nodal_forces(
-    mesh: FiniteElementMesh, face: str, force: Sequence[float]
+    mesh: FiniteElementMesh | HexahedralMesh, face: str, force: Sequence[float]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Forces on the nodes of a CAD face that are equal to an even traction.
 
@@ -214,25 +333,26 @@ def nodal_forces(
     loads : (m, 3) array
         N; they add up to the force.
     """
-    triangles = mesh.face_triangles(face)
-    points, weights = quadrature("tri", 5)
-    tangents = np.einsum(
-        "qnd,tnc->tqcd", shape_gradients(mesh.face_kind, points), mesh.nodes[triangles]
-    )
-    area = np.linalg.norm(np.cross(tangents[..., 0], tangents[..., 1]), axis=2) * weights
-    share = area @ shape_functions(mesh.face_kind, points)
-    total = np.bincount(triangles.ravel(), share.ravel(), len(mesh.nodes))
-    nodes = np.unique(triangles)
-    return nodes, np.outer(total[nodes] / area.sum(), np.asarray(force, dtype=float))
+    total, whole = np.zeros(len(mesh.nodes)), 0.0
+    for kind, rows, _ in deck_of(mesh).faces[face]:
+        points, weights = quadrature(kind.rstrip("0123456789"), 5)
+        tangents = np.einsum("qnd,tnc->tqcd", shape_gradients(kind, points), mesh.nodes[rows])
+        area = np.linalg.norm(np.cross(tangents[..., 0], tangents[..., 1]), axis=2) * weights
+        share = area @ shape_functions(kind, points)
+        total += np.bincount(rows.ravel(), share.ravel(), len(total))
+        whole += area.sum()
+    nodes = np.unique(np.concatenate([rows.ravel() for _, rows, _ in deck_of(mesh).faces[face]]))
+    return nodes, np.outer(total[nodes] / whole, np.asarray(force, dtype=float))
 
 
-def support(mesh: FiniteElementMesh) -> list[tuple[int, int]]:
+def support(mesh: FiniteElementMesh | HexahedralMesh) -> list[tuple[int, int]]:
     """Six (node, axis) pairs that hold the body without any strain: three, two and one at a node.
 
     The nodes are corners far apart, on the outer boundary where there is one.
     """
-    parts = [(mesh.face_kind, mesh.boundary)] if len(mesh.boundary) else []
-    parts = parts or [(kind, connectivity) for _, kind, connectivity in _parts(mesh)]
+    deck = deck_of(mesh)
+    parts = [(kind, rows) for face in deck.faces.values() for kind, rows, _ in face if len(rows)]
+    parts = parts or [(kind, connectivity) for _, kind, connectivity in deck.parts]
     corners = np.unique(np.concatenate([c[:, : reference(k).corners].ravel() for k, c in parts]))
     x = mesh.nodes[corners]
     first = int(np.argmax(np.linalg.norm(x - x.mean(axis=0), axis=1)))

@@ -1,0 +1,468 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""The same shell as 20-node hexahedra on the core's tets, joined by equations.
+
+The two wedges over a cell of the interface, layer by layer, become one hexahedron. Its bottom side
+has eight nodes where the core's two triangles have nine: the node in the middle of the diagonal. It
+is placed at the middle of the hexahedron's side and follows it, u = -1/4 (corners) + 1/2 (mid
+nodes) of that side. Only with these equations does a constant stress pass from one part to the
+other; elements that only share the nodes miss it by their own size.
+
+Edges of hexahedra at the interface are straight where that is valid: then the two triangles have
+exactly the hexahedron's surface. Where it is not, they are half or as much curved as the wedges',
+and a narrow gap or overlap is left, of third order in the size of the elements. A column whose
+hexahedra, or the elements beside them, are not proved valid in any way stays wedges: above all
+where one tet has both triangles of a cell, which is flat once these are one smooth side.
+
+Fewer nodes than with wedges, but equations that few programs besides CalculiX and Abaqus take:
+hence the finite element mesh itself is made of wedges.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import FaultError, InputError
+from .bezier import BezierElements
+from .element_jacobians import prove_positive, scaled_jacobian, volumes
+from .elements import (
+    jacobians,
+    quadrature,
+    shape_functions,
+    shape_gradients,
+)
+from .finite_elements import FiniteElementMesh
+from .interior import Interface
+from .validity import certify
+from .validity import scaled_jacobian as bezier_scaled_jacobian
+
+logger = logging.getLogger(__name__)
+
+_BOTTOM, _TOP = [0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15]
+"""Places of the nodes of two sides in a hexahedron, both seen from outside the body."""
+
+CENTRE = np.array([-0.25] * 4 + [0.5] * 4)
+"""Shape functions of an eight-node quadrilateral at its middle: corners, then mid nodes."""
+
+_KEPT_QUALITY = 0.5
+"""Share of their scaled Jacobian that tets and wedges beside hexahedra keep at least, and that the
+hexahedra have of their wedges'."""
+
+_CURVED = (0.0, 0.5, 1.0)
+"""Shares of the wedges' curvature that are tried for edges at the interface, one after another."""
+
+
+@dataclass(frozen=True)
+class HexahedralMesh:
+    """Hexahedra and wedges of the shell and tets of the core, in the node order of Abaqus.
+
+    Attributes
+    ----------
+    nodes : (n, 3) array
+        mm
+    hexes : (m, 20) int array
+        Bottom (the first four nodes) towards the core, top towards the outer boundary.
+    hex_patch, hex_layer : (m,) int arrays
+        As of `FiniteElementMesh`.
+    wedges : (k, 15) int array
+        Columns that have no valid hexahedra.
+    wedge_patch, wedge_layer : (k,) int arrays
+    tets : (t, 10) int array
+    quads, triangles : (q, 8), (r, 6) int arrays
+        Tops of hexahedra and of wedges on the outer boundary, oriented outward.
+    quad_face, triangle_face : (q,), (r,) int arrays
+        Position of each in ``face_names``.
+    quad_hex, triangle_wedge : (q,), (r,) int arrays
+        The element under each.
+    centres : (e,) int array
+        Nodes in the middle of the hexahedra's sides at the interface, which only the tets have.
+    followed : (e, 8) int array
+        Nodes that each follows, with the shares :data:`CENTRE`.
+    interface : (ni, 6) int array
+        Triangles of the core's boundary, oriented out of the core.
+    face_names : tuple of str
+    hex_quality, wedge_quality, tet_quality : arrays
+        Smallest scaled Jacobian of each element.
+    gap : float
+        Volume that hexahedra and tets have too much at the interface, mm³; negative where less.
+        Zero where all edges there are straight.
+    """
+
+    nodes: np.ndarray
+    hexes: np.ndarray
+    hex_patch: np.ndarray
+    hex_layer: np.ndarray
+    wedges: np.ndarray
+    wedge_patch: np.ndarray
+    wedge_layer: np.ndarray
+    tets: np.ndarray
+    quads: np.ndarray
+    quad_face: np.ndarray
+    quad_hex: np.ndarray
+    triangles: np.ndarray
+    triangle_face: np.ndarray
+    triangle_wedge: np.ndarray
+    centres: np.ndarray
+    followed: np.ndarray
+    interface: np.ndarray
+    face_names: tuple[str, ...]
+    hex_quality: np.ndarray
+    wedge_quality: np.ndarray
+    tet_quality: np.ndarray
+    gap: float = 0.0
+
+    @property
+    def elements(self) -> list[tuple[str, np.ndarray]]:
+        """Kinds and connectivities of all volume elements."""
+        return [("hex20", self.hexes), ("penta15", self.wedges), ("tet10", self.tets)]
+
+    @property
+    def volume(self) -> float:
+        """Sum of the elements' exact volumes, mm³."""
+        return float(sum(element_volumes(kind, self.nodes[c]).sum() for kind, c in self.elements))
+
+    @property
+    def boundary_volume(self) -> float:
+        """Volume that the outer boundary encloses, mm³; an independent sum."""
+        origin = self.nodes.mean(axis=0)
+        return sum(
+            float(swept_volumes(kind, self.nodes[rows] - origin).sum())
+            for kind, rows in (("quad8", self.quads), ("tri6", self.triangles))
+        )
+
+    @property
+    def min_scaled_jacobian(self) -> float:
+        """Smallest scaled Jacobian of all elements."""
+        qualities = (self.hex_quality, self.wedge_quality, self.tet_quality)
+        return float(min(q.min(initial=np.inf) for q in qualities))
+
+    def figures(self) -> dict[str, float | int]:
+        """Counts and quality, as they stand in the report."""
+        used = [np.unique(rows) for _, rows in self.elements]
+        return {
+            "nodes": int(len(np.unique(np.concatenate(used)))),
+            "hex20": len(self.hexes),
+            "penta15": len(self.wedges),
+            "tet10": len(self.tets),
+            "equations": 3 * len(self.centres),
+            "min_scaled_jacobian": self.min_scaled_jacobian,
+            "volume": self.volume,
+            "gap_volume": self.gap,
+        }
+
+
+def element_volumes(kind: str, coordinates: np.ndarray) -> np.ndarray:
+    """Signed volume of each element, (ne,), mm³; exact but for rounding, hexahedra too."""
+    if not kind.startswith("hex"):
+        return volumes(kind, coordinates)
+    # det J is of degree five in each direction
+    points, weights = quadrature("hex", 3)
+    local = coordinates - coordinates[:, :1]
+    return np.linalg.det(jacobians(kind, local, points)) @ weights
+
+
+def swept_volumes(kind: str, coordinates: np.ndarray) -> np.ndarray:
+    """Volume of the cone from the origin over each face ("quad8" or "tri6"), (nf,), mm³."""
+    points, weights = quadrature(kind.rstrip("0123456789"), 5)
+    position = np.einsum("qn,enc->eqc", shape_functions(kind, points), coordinates)
+    j = np.einsum("qnd,enc->eqcd", shape_gradients(kind, points), coordinates)
+    normal = np.cross(j[..., 0], j[..., 1])
+    return np.einsum("eqc,eqc,q->e", position, normal, weights) / 3.0
+
+
+def bezier_hexahedra(coordinates: np.ndarray) -> BezierElements:
+    """The same hexahedra in Bernstein form, of degree two in each direction.
+
+    Parameters
+    ----------
+    coordinates : (ne, 20, 3) array
+        mm
+
+    Returns
+    -------
+    BezierElements
+        Their first node lies at the origin, so that nothing is rounded by where they are.
+    """
+    local = coordinates - coordinates[:, :1]
+    points = local.transpose(0, 2, 1) @ _to_bernstein()
+    points = points.transpose(0, 2, 1).reshape(-1, 3, 3, 3, 3)
+    number = np.arange(len(coordinates))
+    return BezierElements((2, 2, 2), points, None, number, np.zeros(len(number), dtype=int))
+
+
+def _to_bernstein() -> np.ndarray:
+    """Matrix (20, 27) from the nodes of a hexahedron to its control points."""
+    line = np.array([0.0, 0.5, 1.0])
+    lattice = np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1).reshape(-1, 3)
+    values = shape_functions("hex20", lattice)
+    one = np.array([[1.0, 0.0, 0.0], [-0.5, 2.0, -0.5], [0.0, 0.0, 1.0]])
+    return np.einsum("ai,bj,ck,ijkn->nabc", one, one, one, values.reshape(3, 3, 3, 20)).reshape(
+        20, 27
+    )
+
+
+def hexahedral_mesh(mesh: FiniteElementMesh, interface: Interface) -> HexahedralMesh:
+    """Join the wedges of each cell to hexahedra, where these are valid.
+
+    Parameters
+    ----------
+    mesh : FiniteElementMesh
+        Of second order.
+    interface : Interface
+        The one that it was made with.
+
+    Raises
+    ------
+    InputError
+        The mesh is of first order.
+    FaultError
+        The mesh is not one over the interface, or the volumes do not add up.
+    """
+    if mesh.order != 2:
+        raise InputError("hexahedra are made of second order only", remedy="choose order 2")
+    builder = _Builder(mesh, interface)
+    builder.choose()
+    found = builder.result()
+    volume, enclosed = found.volume - found.gap, found.boundary_volume
+    if abs(volume - enclosed) > 1e-10 * abs(enclosed):
+        raise FaultError(
+            f"hexahedra, wedges and tets have {volume:.12g} mm³, their boundary encloses"
+            f" {enclosed:.12g} mm³",
+            figure=volume - enclosed,
+        )
+    logger.info(
+        "hexahedra: %d, %d wedges where they are not valid, smallest scaled Jacobian %.3f",
+        len(found.hexes),
+        len(found.wedges),
+        found.min_scaled_jacobian,
+    )
+    return found
+
+
+class _Builder:
+    """Cells of the interface, the hexahedra over them, and which of them are taken."""
+
+    def __init__(self, mesh: FiniteElementMesh, interface: Interface) -> None:
+        self.mesh = mesh
+        self.columns = _columns(mesh)
+        self.first, self.second, turn = _cells(interface)
+        self.hexes = _join(self.columns, self.first, self.second, turn)
+        # node in the middle of the diagonal of each layer's boundary, from inside outwards
+        across = np.arange(len(turn)), turn[:, 0]
+        own = self.columns[:, self.first]
+        bottoms = own[:, :, 6:9][(slice(None), *across)]
+        tops = own[:, :, 9:12][(slice(None), *across)]
+        self.diagonals = np.concatenate([bottoms, tops[-1:]])
+        self.level = np.zeros(len(self.first), dtype=int)
+        self.nodes = mesh.nodes
+
+    @property
+    def taken(self) -> np.ndarray:
+        """Cells over which there are hexahedra, (c,) bool."""
+        return self.level < len(_CURVED)
+
+    def choose(self) -> None:
+        """Curve the interface, or give up hexahedra, until all elements are proved."""
+        mesh = self.mesh
+        own = mesh.wedge_quality[self._wedge_numbers()]
+        least = _KEPT_QUALITY * np.minimum(own[:, self.first], own[:, self.second])
+        while self.taken.any():
+            self._place()
+            lost = self._lost()
+            chosen = np.flatnonzero(self.taken)
+            rows = self.hexes[:, chosen].reshape(-1, 20)
+            elements = [bezier_hexahedra(self.nodes[rows])]
+            good = certify(elements).status > 0
+            good &= bezier_scaled_jacobian(elements) >= least[:, chosen].ravel()
+            bad = ~good.reshape(-1, len(chosen)).all(axis=0)
+            # what they moved: the middle of the bottom, and its mid nodes
+            bad |= lost[self.hexes[0, chosen, 8:12]].any(axis=1)
+            bad |= lost[self.diagonals[0, chosen]]
+            if not bad.any():
+                return
+            self.level[chosen[bad]] += 1
+        self.nodes = mesh.nodes
+
+    def _lost(self) -> np.ndarray:
+        """Moved nodes to blame for a tet or wedge that is not proved, or poor, (n,) bool.
+
+        Where an element has the middle of a diagonal, that is to blame and no other of its nodes.
+        """
+        mesh = self.mesh
+        staying = self._staying()
+        moved = (self.nodes != mesh.nodes).any(axis=1)
+        lost = np.zeros(len(moved), dtype=bool)
+        middle = np.zeros(len(moved), dtype=bool)
+        middle[self.diagonals[0, self.taken]] = True
+        for kind, rows, quality in (
+            ("tet10", mesh.tets, mesh.tet_quality),
+            ("penta15", mesh.wedges[staying], mesh.wedge_quality[staying]),
+        ):
+            touched = np.flatnonzero(moved[rows].any(axis=1))
+            x = self.nodes[rows[touched]]
+            bad = ~prove_positive(kind, x).proved
+            bad |= scaled_jacobian(kind, x) < _KEPT_QUALITY * quality[touched]
+            blamed = rows[touched[bad]]
+            middles = (middle & moved)[blamed]
+            lost[blamed[middles]] = True
+            lost[blamed[~middles.any(axis=1)]] = True
+        return lost & moved
+
+    def _place(self) -> None:
+        """Edges under the hexahedra as curved as they may be, and the diagonals' middles."""
+        given = self.mesh.nodes
+        self.nodes = given.copy()
+        bottom = self.hexes[0, self.taken]
+        mids = bottom[:, 8:12]
+        share = np.zeros(len(given))
+        np.maximum.at(share, mids, np.array(_CURVED)[self.level[self.taken], None])
+        ends = np.stack([bottom[:, :4], np.roll(bottom[:, :4], -1, axis=1)], axis=2)
+        mix = share[mids][..., None]
+        self.nodes[mids] = mix * given[mids] + (1.0 - mix) * given[ends].mean(axis=2)
+        self.nodes[self.diagonals[0, self.taken]] = np.einsum(
+            "k,ekc->ec", CENTRE, self.nodes[bottom[:, _BOTTOM]]
+        )
+
+    def _staying(self) -> np.ndarray:
+        """Which wedges of the mesh stay wedges, (m,) bool."""
+        gone = np.concatenate([self.first[self.taken], self.second[self.taken]])
+        staying = np.ones(len(self.mesh.wedges), dtype=bool)
+        staying[self._wedge_numbers()[:, gone]] = False
+        return staying
+
+    def _wedge_numbers(self) -> np.ndarray:
+        """Wedges by layer from inside outwards and by triangle of the interface."""
+        layers, count = self.columns.shape[:2]
+        return np.arange(layers * count).reshape(layers, count)[::-1]
+
+    def result(self) -> HexahedralMesh:
+        """The mesh without the nodes that nothing has any more."""
+        mesh, staying = self.mesh, self._staying()
+        layers = len(self.columns)
+        numbers = self._wedge_numbers()
+        chosen = np.flatnonzero(self.taken)
+        hexes = self.hexes[::-1, chosen].reshape(-1, 20)
+        owner = numbers[::-1, self.first[chosen]].ravel()
+        wedges = mesh.wedges[staying]
+        under = np.full(len(mesh.wedges), -1)
+        under[staying] = np.arange(len(wedges))
+        triangles = np.flatnonzero(staying[mesh.boundary_wedge])
+        face_of = np.full(len(mesh.wedges), -1)
+        face_of[mesh.boundary_wedge] = mesh.boundary_face
+        top = numbers[-1, self.first[chosen]]
+        bottom = self.hexes[0, chosen]
+        blocks = {
+            "hexes": hexes,
+            "wedges": wedges,
+            "tets": mesh.tets,
+            "quads": hexes[: len(chosen)][:, _TOP],
+            "triangles": mesh.boundary[triangles],
+            "centres": self.diagonals[0, chosen],
+            "followed": bottom[:, _BOTTOM],
+            "interface": mesh.interface,
+        }
+        used = np.zeros(len(self.nodes), dtype=bool)
+        for name in ("hexes", "wedges", "tets"):
+            used[blocks[name]] = True
+        place = np.cumsum(used) - 1
+        nodes = self.nodes[used]
+        blocks = {name: place[rows] for name, rows in blocks.items()}
+        quality = np.zeros(0)
+        if len(hexes):
+            quality = bezier_scaled_jacobian([bezier_hexahedra(nodes[blocks["hexes"]])])
+        return HexahedralMesh(
+            nodes=nodes,
+            **blocks,
+            hex_patch=mesh.wedge_patch[owner],
+            hex_layer=np.repeat(np.arange(layers), len(chosen)),
+            wedge_patch=mesh.wedge_patch[staying],
+            wedge_layer=mesh.wedge_layer[staying],
+            quad_face=face_of[top],
+            quad_hex=np.arange(len(chosen)),
+            triangle_face=mesh.boundary_face[triangles],
+            triangle_wedge=under[mesh.boundary_wedge[triangles]],
+            face_names=mesh.face_names,
+            hex_quality=quality,
+            wedge_quality=scaled_jacobian("penta15", nodes[blocks["wedges"]]),
+            tet_quality=scaled_jacobian("tet10", nodes[blocks["tets"]]),
+            gap=self._gap(),
+        )
+
+    def _gap(self) -> float:
+        """Volume between the core's triangles and the hexahedra's sides, mm³."""
+        bottom = self.hexes[0, self.taken][:, _BOTTOM]
+        pairs = self.mesh.interface[np.stack([self.first, self.second], axis=1)[self.taken]]
+        origin = self.nodes[bottom[:, :1]]
+        core = swept_volumes("tri6", (self.nodes[pairs] - origin[:, None]).reshape(-1, 6, 3))
+        return float(core.sum() - swept_volumes("quad8", self.nodes[bottom] - origin).sum())
+
+
+def _columns(mesh: FiniteElementMesh) -> np.ndarray:
+    """Wedges by layer from inside outwards and by triangle of the interface, (layers, m, 15)."""
+    count = len(mesh.interface)
+    if not count or len(mesh.wedges) % count:
+        raise FaultError("the wedges do not stand in columns over the interface")
+    columns = mesh.wedges.reshape(-1, count, 15)[::-1]
+    bottoms, tops = columns[:, :, [0, 1, 2, 6, 7, 8]], columns[:, :, [3, 4, 5, 9, 10, 11]]
+    levels = [mesh.interface, *tops]
+    if not all(np.array_equal(a, b) for a, b in zip(levels, bottoms, strict=False)):
+        raise FaultError("the wedges do not stand in columns over the interface")
+    return columns
+
+
+def _cells(interface: Interface) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pairs of triangles over one cell of the parameters' grid.
+
+    Returns
+    -------
+    first, second : (c,) int arrays
+        Triangles that have the cell's diagonal in common.
+    turn : (c, 2) int array
+        Which edge (0-1, 1-2 or 2-0) of each is that diagonal.
+    """
+    uv = interface.triangle_uv
+    along = (np.roll(uv, -1, axis=1) != uv).all(axis=2)
+    side = np.argmax(along, axis=1)
+    rows = np.flatnonzero(along.sum(axis=1) == 1)
+    edge = interface.triangle_edges[rows, side[rows]]
+    order = np.lexsort([rows, edge])
+    rows, edge = rows[order], edge[order]
+    pair = np.flatnonzero(edge[1:] == edge[:-1])
+    first, second = rows[pair], rows[pair + 1]
+    # a cell lies in one patch, and its corners are four
+    patch = interface.triangle_patch
+    tips = [interface.triangles[t, (side[t] + 2) % 3] for t in (first, second)]
+    good = (patch[first] == patch[second]) & (tips[0] != tips[1])
+    first, second = first[good], second[good]
+    return first, second, np.stack([side[first], side[second]], axis=1)
+
+
+def _join(
+    columns: np.ndarray, first: np.ndarray, second: np.ndarray, turn: np.ndarray
+) -> np.ndarray:
+    """Hexahedra over the cells by layer, (layers, c, 20).
+
+    The first triangle of a cell is a, b, c and the second c, d, a, where the diagonal is c-a.
+    """
+    cells = np.arange(len(first))
+    sides = [(turn[:, :1] + shift) % 3 for shift in (0, 1, 2)]
+    others = [(turn[:, 1:] + shift) % 3 for shift in (0, 1, 2)]
+    a, b, c, d = sides[1], sides[2], sides[0], others[2]
+    # edges of a triangle are named by where they begin
+    ab, bc, cd, da = sides[1], sides[2], others[1], others[2]
+    one, two = columns[:, first], columns[:, second]
+
+    def pick(rows: np.ndarray, place: np.ndarray) -> np.ndarray:
+        return rows[:, cells, place[:, 0]][..., None]
+
+    parts = []
+    for start in (0, 3):
+        parts += [pick(one, start + p) for p in (a, b, c)] + [pick(two, start + d)]
+    for start in (6, 9):
+        parts += [pick(one, start + ab), pick(one, start + bc)]
+        parts += [pick(two, start + cd), pick(two, start + da)]
+    parts += [pick(one, 12 + p) for p in (a, b, c)] + [pick(two, 12 + d)]
+    return np.concatenate(parts, axis=2)
