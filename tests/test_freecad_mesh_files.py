@@ -26,10 +26,12 @@ import Fem
 import HybridVolume
 from HybridVolume.core.element_jacobians import volumes
 from HybridVolume.core.elements import from_order
+from HybridVolume.core.hexahedra import element_volumes, hexahedral_mesh
 from HybridVolume.core.hybrid import HybridVolume as HV
 from HybridVolume.environment import interpreter
 from HybridVolume.exports import med
 from HybridVolume.exports.blocks import blocks_of
+from HybridVolume.exports.inp import write_inp
 from HybridVolume.exports.mesh_file import write_mesh
 from HybridVolume.objects.fem_mesh import AnalysisMesh, make_mesh_object
 from HybridVolume.objects.volume import make_volume
@@ -47,14 +49,14 @@ def bent_mesh(order):
 
 def volumes_of(found):
     """Volume of each element of a FreeCAD mesh, by its number."""
-    kinds = {4: "tet4", 6: "penta6", 10: "tet10", 15: "penta15"}
+    kinds = {4: "tet4", 6: "penta6", 10: "tet10", 15: "penta15", 20: "hex20"}
     rows = {element: found.getElementNodes(element) for element in found.Volumes}
     sizes = {}
     for element, row in rows.items():
         kind = kinds[len(row)]
         x = np.array([tuple(found.Nodes[node]) for node in row])
         x = x[from_order("freecad", kind, np.arange(len(row))[None])[0]]
-        sizes[element] = float(volumes(kind, x[None])[0])
+        sizes[element] = float(element_volumes(kind, x[None])[0])
     return sizes
 
 
@@ -141,6 +143,20 @@ def stored(tmp_path_factory, gmsh_python):
         [gmsh_python, "-c", code, str(path)], check=True, env={**os.environ, "PYTHONPATH": places}
     )
     return path
+
+
+def test_freecad_reads_the_deck_of_hexahedra(tmp_path, stored):
+    volume = HV.load(stored)
+    mesh = hexahedral_mesh(volume.fem, volume.interface)
+    assert len(mesh.hexes) and not len(mesh.wedges)
+    write_inp(tmp_path / "body.inp", mesh)
+    found = Fem.read(str(tmp_path / "body.inp"))
+    assert (found.NodeCount, found.VolumeCount) == (
+        len(mesh.nodes),
+        len(mesh.hexes) + len(mesh.tets),
+    )
+    sizes = list(volumes_of(found).values())
+    assert min(sizes) > 0.0 and sum(sizes) == pytest.approx(6.0, rel=1e-12)
 
 
 def test_objects_and_volumes_are_exported(tmp_path, stored):
