@@ -9,6 +9,7 @@ against its CAD face here, at its own parameters, and looked for as the workbenc
 
 from __future__ import annotations
 
+import logging
 import re
 import time
 from collections.abc import Iterable, Mapping
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from HybridVolume.core.finite_elements import FiniteElementMesh
     from HybridVolume.core.surface import PatchSurface
     from HybridVolume.sources import Body
+
+logger = logging.getLogger(__name__)
 
 SAMPLED_NODES = 500
 """Nodes that are looked for on the CAD faces in any case: each costs OCC up to 7 ms."""
@@ -55,7 +58,9 @@ class Coverage:
     faces, edges, vertices : int
         Number of those on which the mesh's nodes are found.
     lost : tuple of str
-        Edges and vertices on which they are not, e.g. ``("Edge5",)``.
+        Those on which some are not, e.g. ``("Edge5",)``. Nodes of a face among them lie on it all
+        the same: they were measured, and FreeCAD's search is what fails, as it does on bodies of a
+        few µm.
     nodes : int
         Nodes on faces; one on several faces counts for each.
     measured : int
@@ -78,6 +83,16 @@ class Coverage:
     searched: int
     distance: float | None
     tolerance: float
+
+    @property
+    def notes(self) -> list[str]:
+        """What is to be told, for report.json's ``notes``."""
+        if not self.lost:
+            return []
+        return [
+            f"FreeCAD does not find every node of the mesh on {', '.join(self.lost)}: loads and"
+            " supports on them would be incomplete; a body in larger units may help"
+        ]
 
     def figures(self) -> dict[str, Any]:
         """Figures for report.json's ``fem``."""
@@ -206,38 +221,27 @@ def cover(
             faces=absent,
             remedy="run again on the body as it is now",
         )
-    off = dict.fromkeys(known, 0.0)
+    measured = dict.fromkeys(known, 0.0)
     if places is not None:
-        off = {name: places.distance(name, nodes, arrays.nodes) for name, nodes in known.items()}
+        measured = {name: places.distance(name, n, arrays.nodes) for name, n in known.items()}
     found = _Search(arrays, known, shape, seconds).result
     # not only just within the tolerance
     allowed = {f"Face{n}": 0.9 * face.Tolerance for n, face in enumerate(shape.Faces, start=1)}
-    bad = {*found.bad, *(name for name, value in off.items() if value >= allowed[name])}
+    beside = {name: value for name, value in measured.items() if value >= allowed[name]}
     copy = None
-    if bad or found.lost:
-        faces = shape.Faces
-        for name in found.bad:
-            off[name] = max(off[name], _distance(arrays, faces[_number(name) - 1], known[name]))
-        widest = WIDEST * shape.BoundBox.DiagonalLength
-        needed = [2.0 * off[name] for name in bad]
-        needed += [2.0 * value for value in found.off.values() if 2.0 * value <= widest]
-        tolerance = max(_NARROWEST, *needed)
-        if tolerance <= widest:
-            copy = shape.copy()
-            copy.fixTolerance(tolerance)
-            wider = _Search(arrays, known, copy, seconds).result
-            if wider.bad:
-                copy = None
-            elif bad or len(wider.lost) < len(found.lost):
-                found, bad = wider, set()
-            else:
-                copy = None
-    if bad:
-        worst = max(off[name] for name in bad)
+    if beside or found.bad or found.lost:
+        copy, wider = _widened(arrays, known, shape, seconds, found, beside)
+        if copy is not None:
+            found, beside = wider, {}
+    if places is None:
+        # nothing but the search tells where the nodes are
+        beside |= _off(arrays, known, shape, found.bad)
+    if beside:
+        worst = max(beside.values())
         raise FaultError(
             f"mesh nodes lie up to {worst:.2g} mm beside the CAD faces; loads on them would be"
             " lost",
-            faces=sorted(bad, key=_number),
+            faces=sorted(beside, key=_number),
             figure=worst,
             remedy="heal the body and run again",
         )
@@ -251,18 +255,55 @@ def cover(
         )
     used = copy or shape
     count = sum(map(len, known.values()))
-    return Coverage(
+    coverage = Coverage(
         copy=copy,
-        faces=len(shape.Faces),
+        faces=len(shape.Faces) - len(found.bad),
         edges=found.edges,
         vertices=found.vertices,
-        lost=tuple(sorted(found.lost, key=lambda name: (name[0], _number(name)))),
+        lost=(*found.bad, *found.lost),
         nodes=count,
         measured=count if places is not None else 0,
         searched=found.searched,
-        distance=max(off.values()) if places is not None else None,
+        distance=max(measured.values()) if places is not None else None,
         tolerance=used.getTolerance(1, Part.Face),
     )
+    for note in coverage.notes:
+        logger.warning("%s", note)
+    return coverage
+
+
+def _widened(
+    arrays: MeshArrays,
+    known: Mapping[str, np.ndarray],
+    shape: Any,
+    seconds: float,
+    found: _Found,
+    beside: Mapping[str, float],
+) -> tuple[Any, _Found] | tuple[None, None]:
+    """A copy of a shape with a wider tolerance and what is found on it; None where none helps."""
+    widest = WIDEST * shape.BoundBox.DiagonalLength
+    distances = {**_off(arrays, known, shape, found.bad), **found.off}
+    needed = [2.0 * value for value in beside.values()]
+    needed += [2.0 * value for value in distances.values() if 2.0 * value <= widest]
+    tolerance = max(_NARROWEST, *needed) if needed else np.inf
+    if tolerance > widest:
+        return None, None
+    copy = shape.copy()
+    copy.fixTolerance(tolerance)
+    wider = _Search(arrays, known, copy, seconds).result
+    fewer = len(wider.bad) + len(wider.lost) < len(found.bad) + len(found.lost)
+    return (copy, wider) if beside or fewer else (None, None)
+
+
+def _off(
+    arrays: MeshArrays, known: Mapping[str, np.ndarray], shape: Any, names: Iterable[str]
+) -> dict[str, float]:
+    """Largest distance of some of the nodes of faces from them, as FreeCAD measures, mm."""
+    faces, table = shape.Faces, {}
+    for name in names:
+        points = arrays.nodes[_spread(known[name], SAMPLED_NODES)].tolist()
+        table[name] = max(_far(point, faces[_number(name) - 1]) for point in points)
+    return table
 
 
 def _number(name: str) -> int:
@@ -273,12 +314,6 @@ def _number(name: str) -> int:
 def _nodes_of(arrays: MeshArrays, name: str) -> np.ndarray:
     """Nodes on a face, sorted."""
     return np.unique(arrays.faces[name][1]) if name in arrays.faces else np.zeros(0, dtype=int)
-
-
-def _distance(arrays: MeshArrays, face: Any, known: np.ndarray) -> float:
-    """Largest distance of some of a face's nodes from it, as FreeCAD measures, mm."""
-    points = arrays.nodes[_spread(known, SAMPLED_NODES)].tolist()
-    return max(_far(point, face) for point in points)
 
 
 def _far(point: list[float], shape: Any) -> float:

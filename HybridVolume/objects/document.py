@@ -112,6 +112,9 @@ class Prepared:
             "max_deviation": check_against_cad(completed.body, volume.surface),
         }
         self.report["fem"] = {**self.report["fem"], **self.mesh.coverage.figures()}
+        if self.mesh.coverage.notes:
+            told = self.report.get("notes", ())
+            self.report["notes"] = [*told, *self.mesh.coverage.notes]
 
 
 def insert(
@@ -194,6 +197,7 @@ def insert_mesh(
         _set_density(obj, fem)
         prepared.fill(obj)
         if body is not None:
+            obj.Lost = list(prepared.coverage.lost)
             obj.ComputedFrom = inputs_of_mesh(obj)
         obj.Status = UP_TO_DATE
         if obj.ViewObject:
@@ -263,8 +267,7 @@ def replace_mesh(
             volume.save(result)
         _set_density(obj.FemMesh, volume.fem)
         obj.FemMesh.Shape = _analysis_body(obj, body, prepared)
-        prepared.fill(obj.FemMesh)
-        prepared.fill_parts(obj)
+        _fill_meshes(obj, prepared)
         include(obj, "Result", result)
         obj.Report = {k: v for k, v in obj.Report.items() if not k.startswith(kept)} | fresh
         made = {k: v for k, v in current_inputs(obj).items() if k.startswith("FemMesh.")}
@@ -366,8 +369,7 @@ def _fill(doc: Any, obj: Any, prepared: Prepared, *, keep_decisions: bool) -> No
     obj.FemMesh.Order = parameters["FemMesh.Order"]
     density.set_values(obj.FemMesh, mesh_values(parameters))
     obj.FemMesh.Shape = _analysis_body(obj, one.body, prepared.mesh)
-    prepared.mesh.fill(obj.FemMesh)
-    prepared.mesh.fill_parts(obj)
+    _fill_meshes(obj, prepared.mesh)
     _fill_midstructure(obj.Midstructure, prepared)
     include(obj, "Result", one.result)
     obj.Report = flat(prepared.report)
@@ -419,6 +421,13 @@ def _analysis_body(obj: Any, body: Body, prepared: PreparedMesh) -> Any:
         held.Visibility = False
     held.Shape = shape
     return held
+
+
+def _fill_meshes(obj: Any, prepared: PreparedMesh) -> None:
+    prepared.fill(obj.FemMesh)
+    obj.FemMesh.Lost = list(prepared.coverage.lost)
+    for part in PARTS:
+        prepared.fill_part(obj, part)
 
 
 def _fill_midstructure(obj: Any, prepared: Prepared) -> None:

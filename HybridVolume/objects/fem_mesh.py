@@ -20,6 +20,7 @@ from HybridVolume.core.elements import from_order, to_order
 from HybridVolume.errors import FaultError
 
 from . import density
+from .mesh_undo import watch
 from .properties import DocumentObject, Property
 from .volume import mesh_inputs, mesh_parameters, source_fingerprint, status_of_inputs
 
@@ -188,6 +189,9 @@ def element_quality(mesh: Any) -> dict[int, float]:
 
 
 _STATUS = Property("App::PropertyString", "Base", "Up to date, or why not.", mode=("ReadOnly",))
+_DIGEST = Property(
+    "App::PropertyString", "Mesh", "What the mesh is known by.", mode=("ReadOnly", "Hidden")
+)
 
 
 class PartMesh(DocumentObject):
@@ -199,8 +203,14 @@ class PartMesh(DocumentObject):
             "App::PropertyString", "Mesh", "Shell or Core.", mode=("ReadOnly", "Hidden")
         ),
         "Elements": Property("App::PropertyInteger", "Mesh", "Elements.", mode=("ReadOnly",)),
+        "Digest": _DIGEST,
         "Status": _STATUS,
     }
+
+    def ensure_properties(self, obj: Any) -> None:
+        """Add what is absent, and look after the mesh at Undo."""
+        super().ensure_properties(obj)
+        watch()
 
     def prepare(self, obj: Any) -> None:
         """Take the part from the object's name, which FreeCAD may have given a number."""
@@ -231,13 +241,22 @@ class AnalysisMesh(DocumentObject):
             "What a mesh without a hybrid volume was made from.",
             mode=("ReadOnly", "Hidden"),
         ),
+        "Lost": Property(
+            "App::PropertyStringList",
+            "Mesh",
+            "Faces, edges and vertices on which FreeCAD does not find every node: loads and "
+            "supports on them would be incomplete.",
+            mode=("ReadOnly",),
+        ),
+        "Digest": _DIGEST,
         "Status": _STATUS,
     }
 
     def ensure_properties(self, obj: Any) -> None:
-        """Add what is absent, and hide what does not count."""
+        """Add what is absent, hide what does not count, and look after the mesh at Undo."""
         super().ensure_properties(obj)
         density.show_relevant(obj)
+        watch()
 
     def onChanged(self, obj: Any, name: str) -> None:
         """Show the properties that count for what was selected."""

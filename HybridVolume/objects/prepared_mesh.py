@@ -10,6 +10,7 @@ import FreeCAD
 
 from .coverage import Coverage, Places, cover
 from .fem_mesh import arrays_of, build, differences
+from .mesh_undo import digest
 
 if TYPE_CHECKING:
     from HybridVolume.core.finite_elements import FiniteElementMesh
@@ -66,14 +67,15 @@ class PreparedMesh:
         """Give the mesh to the mesh object; groups that were added to an earlier one come again."""
         _carry_groups(obj.FemMesh, self.mesh)
         obj.FemMesh = self.mesh
+        obj.Digest = digest(self.mesh)
         obj.Groups = self.groups
 
-    def fill_parts(self, volume: Any) -> None:
-        """Give shell and core to the parts of a hybrid volume."""
-        for part, mesh in self.parts.items():
-            child = getattr(volume, part)
-            child.FemMesh = mesh
-            child.Elements = mesh.VolumeCount
+    def fill_part(self, volume: Any, part: str) -> None:
+        """Give shell or core alone to the part of a hybrid volume."""
+        child, mesh = getattr(volume, part), self.parts[part]
+        child.FemMesh = mesh
+        child.Digest = digest(mesh)
+        child.Elements = mesh.VolumeCount
 
     def differences(self, volume: Any) -> list[str]:
         """What the meshes of a hybrid volume's objects have not as they were prepared.
