@@ -23,7 +23,7 @@ from typing import Any, NoReturn
 import HybridVolume
 from HybridVolume.completion import Screen, complete_file
 from HybridVolume.errors import HybridVolumeError, InputError
-from HybridVolume.job import exit_code
+from HybridVolume.job import ELEMENTS, MESH_EXPORTS, exit_code
 
 LATER = ("fit", "bench")
 """Words that a later version takes as commands."""
@@ -119,6 +119,45 @@ def _factor(text: str) -> str:
     return text
 
 
+def _density(name: str, kind: type = float) -> Callable[[str], Any]:
+    """Reads a number that `Density` takes under this name."""
+
+    def read(text: str) -> Any:
+        from HybridVolume.core.density import Density
+
+        value = int(text) if kind is int and text.isdecimal() else _number(text)
+        if kind is int and not isinstance(value, int):
+            raise argparse.ArgumentTypeError(f"{text!r} is no count")
+        _read(lambda _: Density(**{name: value}), text)
+        return value
+
+    return read
+
+
+def _length(text: str) -> float:
+    value = _density("size")(text.strip().removesuffix("mm"))
+    if not value:
+        raise argparse.ArgumentTypeError(f"{text!r} is no length above 0 mm")
+    return value
+
+
+def _face_size(text: str) -> str:
+    from HybridVolume.core.density import parse_size
+
+    _read(parse_size, text)
+    return text
+
+
+def _formats(text: str) -> list[str]:
+    names = [name.strip().lower() for name in text.split(",")]
+    for name in names:
+        if name not in MESH_EXPORTS:
+            raise argparse.ArgumentTypeError(
+                f"{name!r} is no format; choose some of {', '.join(MESH_EXPORTS)}"
+            )
+    return names
+
+
 def _read(parse: Callable[[str], Any], text: str) -> Any:
     """Parse a word of the command line; what is wrong with it is one line."""
     try:
@@ -148,14 +187,16 @@ def parser() -> Parser:
         prog="./run.sh",
         description="Complete the volume of the bodies of a STEP or BREP file: a shell of NURBS "
         "elements that keeps their faces bit for bit, tetrahedra in the core, one mesh for FEM.",
-        epilog="Writes NAME.FCStd, NAME.vtu, NAME.inp, NAME.png and report.json. Ends with 0 when "
+        epilog="Writes NAME.FCStd, NAME.vtu, NAME.inp, NAME.png and report.json, and what --export "
+        "names. Ends with 0 when "
         "every element is proved valid, 2 for an input that it refuses, 1 for a fault of its own. "
         "`./run.sh reproduce NAME -o DIR` makes a figure or table of the documentation again.\n\n"
         "examples:\n"
         "  ./run.sh part.step --w0 0.3\n"
         '  ./run.sh part.step --thickness "2 mm" --face-factor Face3=1.5 --face-factor Face7=0.5\n'
         '  ./run.sh part.step --thickness "30 %" --layers 4 --spacing "ratio 1.5"\n'
-        '  ./run.sh part.step --thickness "min 1 mm" --layers 5 --spacing "first 0.1 mm"\n',
+        '  ./run.sh part.step --thickness "min 1 mm" --layers 5 --spacing "first 0.1 mm"\n'
+        "  ./run.sh part.step --size 2 --face-size Face3=0.5 --fem-layers 4 --export unv,msh\n",
         formatter_class=_Help,
     )
     p.add_argument("body", metavar="BODY.step", help="STEP or BREP file with untrimmed NURBS faces")
@@ -170,15 +211,7 @@ def parser() -> Parser:
         "(default: certified)",
     )
     _add_midstructure(p)
-    p.add_argument(
-        "--order", type=int, choices=(1, 2), default=2, help="order of the FEM mesh (default: 2)"
-    )
-    p.add_argument(
-        "--nodes",
-        choices=("knots", "greville"),
-        default="knots",
-        help="nodes between shell and core (default: knots)",
-    )
+    _add_mesh(p)
     p.add_argument(
         "--tolerance",
         type=_share,
@@ -190,7 +223,8 @@ def parser() -> Parser:
         "--pictures",
         action="store_true",
         help="draw the stages as well: NAME_field.png, NAME_columns.png, NAME_shell.png, "
-        "NAME_level.png, NAME_thickness.png, NAME_histogram.png, NAME_worst.png",
+        "NAME_level.png, NAME_thickness.png, NAME_histogram.png, NAME_worst.png, "
+        "NAME_fem_histogram.png",
     )
     p.add_argument(
         "--singular-lines",
@@ -310,6 +344,84 @@ def _add_midstructure(p: Parser) -> None:
             metavar="Face3+Face9[@u,v]",
             help=words,
         )
+
+
+def _add_mesh(p: Parser) -> None:
+    group = p.add_argument_group(
+        "finite elements", "how fine they are, and in which files; the shell does not depend on it"
+    )
+    group.add_argument(
+        "--order", type=int, choices=(1, 2), default=2, help="their order (default: 2)"
+    )
+    group.add_argument(
+        "--nodes",
+        choices=("knots", "greville"),
+        default="knots",
+        help="nodes between shell and core (default: knots)",
+    )
+    group.add_argument(
+        "--subdivide",
+        type=_density("subdivide", int),
+        default=1,
+        metavar="N",
+        help="parts that each side of the shell's elements is cut into at least, 1 to 64 "
+        "(default: 1)",
+    )
+    group.add_argument(
+        "--size",
+        type=_length,
+        default=0.0,
+        metavar="MM",
+        help="largest edge along the faces (default: as the shell's elements are)",
+    )
+    group.add_argument(
+        "--face-size",
+        type=_face_size,
+        action="append",
+        default=[],
+        dest="face_sizes",
+        metavar="Face3=0.5",
+        help="the same near a face, mm (repeatable)",
+    )
+    group.add_argument(
+        "--gradation",
+        type=_density("gradation"),
+        default=0.5,
+        metavar="G",
+        help="by how many mm the size grows a mm away from a face of its own size (default: 0.5)",
+    )
+    group.add_argument(
+        "--fem-layers",
+        type=_density("layers", int),
+        default=0,
+        metavar="N",
+        help="layers of wedges through the shell, up to 100; 0: the shell's own where nothing is "
+        "cut, else so many that the outermost is about a fifth of an edge (default: 0)",
+    )
+    group.add_argument(
+        "--layer-growth",
+        type=_density("growth"),
+        default=1.3,
+        metavar="R",
+        help="height of each layer of wedges over that of the one outside of it, 1 to 3 "
+        "(default: 1.3)",
+    )
+    group.add_argument(
+        "--elements",
+        choices=ELEMENTS,
+        default="wedges",
+        help="what the shell consists of in NAME.inp: wedges, or hexahedra of 20 nodes with "
+        "equations in the middle of the quadrilaterals between shell and core (default: wedges)",
+    )
+    group.add_argument(
+        "--export",
+        type=_formats,
+        action="extend",
+        default=[],
+        metavar="LIST",
+        help="further files of the mesh, of unv, med, msh (Gmsh 4.1) and vtu (NAME_fem.vtu), e.g. "
+        "unv,msh",
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

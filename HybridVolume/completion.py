@@ -10,7 +10,7 @@ import os
 import shutil
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,15 @@ from HybridVolume import report
 from HybridVolume.delivery import OutputFolder
 from HybridVolume.errors import HybridVolumeError, InputError
 from HybridVolume.freecad_python import import_freecad
-from HybridVolume.job import EXPORTS, REPORT_FILE, Job, Progress, exit_code, worker_python
+from HybridVolume.job import (
+    EXPORTS,
+    MESH_EXPORTS,
+    REPORT_FILE,
+    Job,
+    Progress,
+    exit_code,
+    worker_python,
+)
 
 
 class Screen:
@@ -102,6 +110,7 @@ def complete_file(options: argparse.Namespace, screen: Screen) -> int:
         bodies = sources.read_file(options.body)
         check_named_faces(options.decisions, bodies)
         check_faces(parameters["FaceFactors"], bodies)
+        check_faces(options.face_sizes, bodies, "size")
         reading = time.perf_counter() - started
         writer = _Writer(options, parameters, geometry, output, screen, python, len(bodies))
         outcomes = [writer.complete(body) for body in bodies]
@@ -144,12 +153,29 @@ def summary(outcome: Outcome) -> str:
 
 
 def parameters_of(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the options of the command line under the names that document objects use."""
+    """Return the options of the command line under the names that document objects use.
+
+    Raises
+    ------
+    InputError
+        A value is out of its range, or two do not go together.
+    """
+    from HybridVolume.core.density import Density, parse_sizes
     from HybridVolume.core.goals import Thickness, parse_factors
     from HybridVolume.core.levels import Spacing
+    from HybridVolume.objects.density import density_parameters
     from HybridVolume.objects.thickness import spacing_parameters, thickness_parameters
 
     factors = parse_factors(options.face_factors)
+    density = Density(
+        nodes=options.nodes,
+        subdivide=options.subdivide,
+        size=options.size,
+        face_sizes=parse_sizes(options.face_sizes),
+        gradation=options.gradation,
+        layers=options.fem_layers,
+        growth=options.layer_growth,
+    )
     return {
         **thickness_parameters(Thickness.parse(options.thickness or f"{options.w0!r}", factors)),
         **spacing_parameters(Spacing.parse(options.spacing)),
@@ -164,7 +190,7 @@ def parameters_of(options: argparse.Namespace) -> dict[str, Any]:
         "Midstructure.Depth": options.depth,
         "Midstructure.Decisions": tuple(options.decisions),
         "FemMesh.Order": "Second" if options.order == 2 else "First",
-        "FemMesh.Density": options.nodes,
+        **{f"FemMesh.{name}": value for name, value in density_parameters(density).items()},
     }
 
 
@@ -180,27 +206,42 @@ def decisions_about(decisions: Sequence[str], body: Any) -> list[str]:
     return [text for text in decisions if names.issuperset(Decision.parse(text).faces)]
 
 
-def factors_about(factors: Sequence[str], body: Any) -> list[str]:
-    """The factors, as ``"Face3 = 1.5"``, whose face a body has."""
+def faces_about(texts: Sequence[str], body: Any, what: str = "factor") -> list[str]:
+    """The factors or sizes, as ``"Face3 = 1.5"``, whose face a body has.
+
+    Parameters
+    ----------
+    texts : sequence of str
+    body : Body
+    what : {"factor", "size"}
+    """
+    from HybridVolume.core.density import parse_size
     from HybridVolume.core.goals import parse_factor
 
+    parse: Callable = {"factor": parse_factor, "size": parse_size}[what]
     names = {face.name for face in body.faces}
-    return [text for text in factors if parse_factor(text)[0] in names]
+    return [text for text in texts if parse(text)[0] in names]
 
 
-def check_faces(factors: Sequence[str], bodies: Sequence[Any]) -> None:
-    """Refuse a factor of a face that no body has, before the long work.
+def check_faces(texts: Sequence[str], bodies: Sequence[Any], what: str = "factor") -> None:
+    """Refuse a factor or size of a face that no body has, before the long work.
+
+    Parameters
+    ----------
+    texts, what
+        As for :func:`faces_about`.
+    bodies : sequence of Body
 
     Raises
     ------
     InputError
     """
     usable = [body for body in bodies if not body.error]
-    for text in factors:
-        if usable and not any(factors_about([text], body) for body in usable):
+    for text in texts:
+        if usable and not any(faces_about([text], body, what) for body in usable):
             most = max(len(body.faces) for body in usable)
             raise InputError(
-                f"the factor {text}: no body has this face",
+                f"the {what} {text}: no body has this face",
                 remedy=f"name one of Face1 to Face{most}",
             )
 
@@ -320,12 +361,14 @@ class _Writer:
         return True
 
     def _complete(self, body: Any) -> dict[str, Any]:
+        from HybridVolume.exports.mesh_file import write_mesh
         from HybridVolume.objects import document, own_geometry, volume
 
         alone = self._bodies == 1
         parameters = dict(self._parameters)
         parameters["Midstructure.Decisions"] = tuple(decisions_about(self._options.decisions, body))
-        parameters["FaceFactors"] = tuple(factors_about(parameters["FaceFactors"], body))
+        for name, what in (("FaceFactors", "factor"), ("FemMesh.FaceSizes", "size")):
+            parameters[name] = tuple(faces_about(parameters[name], body, what))
         geometry = own = None
         if self._geometry:
             geometry = self._geometry.of(body, alone=alone)
@@ -342,6 +385,7 @@ class _Writer:
             own=own,
             source={"file": Path(self._options.body).name, "bodies": self._bodies},
             exports=self._exports,
+            elements=self._options.elements,
             python=self._python,
             free_only=self._options.free_only,
             parent=self._output.scratch,
@@ -366,6 +410,10 @@ class _Writer:
             for export in self._exports:
                 for file in job.exported_files(export):
                     file.rename(self._output.files / file.name)
+            for name in dict.fromkeys(self._options.export):
+                file = MESH_EXPORTS[name].format(body.name)
+                self._screen.progress(body.name, Progress("exports", 0.97, f"writing {file}"))
+                write_mesh(self._output.files / file, result.fem)
         self._prepared.append(prepared)
         self._document_seconds += time.perf_counter() - started
         return prepared.report
