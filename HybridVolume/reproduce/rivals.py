@@ -21,12 +21,9 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from HybridVolume.core.surface import PatchSurface
 
 LAYERS = (0.4, 1.0)
 """Where the two layers end, as shares of the thickness."""
@@ -49,38 +46,6 @@ _NOTHING = {
 def size_for(area: float, triangles: int = 1000) -> float:
     """Edge length, mm, at which equilateral triangles cover an area, mm², with so many."""
     return float(np.sqrt(area / (0.433 * triangles)))
-
-
-def write_brep(surface: PatchSurface, path: str | os.PathLike) -> None:
-    """Write a body for the meshers: its patches as faces of one solid. In FreeCAD's Python.
-
-    Parameters
-    ----------
-    surface : PatchSurface
-        Its patches are oriented outward, and so are the faces: Gmsh's layers follow them.
-    path : path
-        Ends with ``.brep``.
-
-    Raises
-    ------
-    FaultError
-        The faces do not close a solid of the body's volume.
-    """
-    import Part
-
-    from HybridVolume.errors import FaultError
-
-    shells = []
-    for number in range(surface.shells):
-        members = np.flatnonzero(surface.shell_of_patch == number)
-        sewn = Part.makeShell([_part_face(surface, k) for k in members])
-        sewn.sewShape(1e-6 * surface.diagonal)
-        shells += sewn.Shells
-    solid = Part.makeSolid(Part.makeCompound(shells)) if len(shells) > 1 else Part.Solid(shells[0])
-    missed = abs(solid.Volume / surface.volume() - 1.0)
-    if not solid.isClosed() or len(solid.Faces) != len(surface.patches) or missed > 1e-3:
-        raise FaultError(f"sewing {len(surface.patches)} faces gave no solid of their volume")
-    solid.exportBrep(str(path))
 
 
 def netgen_layers(
@@ -167,24 +132,6 @@ def _worth(answer: dict[str, Any]) -> tuple:
 
 
 # --------------------------------------------------------------------------- in this process
-
-
-def _part_face(surface: PatchSurface, number: int) -> Any:
-    import FreeCAD
-    import Part
-
-    patch = surface.patches[number]
-    knots, counts = [], []
-    for t in patch.knots:
-        values, multiplicities = np.unique(t, return_counts=True)
-        knots.append(values.tolist())
-        counts.append(multiplicities.tolist())
-    points = surface.control_points[patch.index].tolist()
-    poles = [[FreeCAD.Vector(*p) for p in row] for row in points]
-    face = Part.BSplineSurface()
-    weights = patch.weights.tolist()
-    face.buildFromPolesMultsKnots(poles, *counts, *knots, False, False, *patch.degrees, weights)
-    return face.toShape()
 
 
 def _measure(

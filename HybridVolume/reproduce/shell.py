@@ -354,11 +354,11 @@ class Runner:
         """Write the body as other meshers read it; without the file they have no answer."""
         from HybridVolume.core.assembly import build_surface
 
-        from .rivals import write_brep
+        from ..exports.step import write_solid
 
         import_freecad()
         try:
-            write_brep(build_surface(list(body.faces)), path)
+            write_solid(path, build_surface(list(body.faces)))
         except HybridVolumeError as error:
             self.screen.line(f"{body.name}: not for other meshers: {error.line}")
 
