@@ -19,6 +19,7 @@ from HybridVolume.job import exit_code
 FIGURES = {
     "midstructure": "the automatic midstructure of all bodies, up to their shells",
     "shell": "shells of many bodies at many levels, and what is demanded of them",
+    "fem": "finite element meshes: patch tests, sums of loads, accuracy",
 }
 """What can be made again: modules of this package, with ``add_arguments`` and ``run``."""
 

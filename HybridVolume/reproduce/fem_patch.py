@@ -87,8 +87,8 @@ def _netgen(volume: HybridVolume) -> Meshed:
     """Curved tets of about as many nodes, for comparison."""
     from .fem_rivals import Sizes, tet10_mesh
 
-    # edges of as many equal tets of the body's volume, ten or so nodes to seven tets
-    size = 2.0 * (volume.surface.volume() / len(volume.fem.nodes)) ** (1.0 / 3.0)
+    # edges of equal tets, of which there are about two to three nodes
+    size = 2.5 * (volume.surface.volume() / len(volume.fem.nodes)) ** (1.0 / 3.0)
     return tet10_mesh(volume.surface, Sizes(size), mesher="netgen")
 
 

@@ -1,0 +1,460 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""``./run.sh reproduce fem -o DIR``: finite element meshes through CalculiX and through FreeCAD.
+
+Writes ``fem.json`` (``patch_tests``, ``load_sums``, ``accuracy``) and ``fem.md`` (the part on
+finite elements of docs/verification.md). Every case has a process of its own with a time limit.
+Finished cases are kept in ``DIR/cases`` and not done again, unless the program or the body has
+changed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import importlib.util
+import json
+import os
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from HybridVolume.completion import Screen
+from HybridVolume.core.surface import SplineFace
+from HybridVolume.errors import HybridVolumeError, InputError, WorkerError
+from HybridVolume.freecad_python import import_freecad
+from HybridVolume.job import Job, worker_python
+
+from .midstructure import BESIDE, EXAMPLES, body_files, write_json
+from .shell import THREADS, machine
+
+VERSION = 1
+"""Of the JSON files."""
+PARTS = {"patch": "patch_tests", "loads": "load_sums", "accuracy": "accuracy"}
+"""Parts, and what they are called in fem.json."""
+BODIES = ("torus", "fandisk", "terrific_part_02")
+"""Bodies of patch tests and sums of loads; others are added with ``--body``."""
+OPTIONS: dict[str, dict[str, Any]] = {"torus": {"subdivide": 2}}
+"""Options of bodies whose own cells are coarse: eight around the tube."""
+RUNNING = 2
+"""Cases that are worked on side by side."""
+_SOURCES = {
+    "volume": ("core/**/*.py", "reproduce/bodies.py"),
+    "patch": ("core/**/*.py", "reproduce/calculix.py", "reproduce/fem_patch.py",
+              "reproduce/fem_mesh.py", "reproduce/fem_rivals.py"),
+    "loads": ("core/**/*.py", "objects/*.py", "exports/inp.py", "reproduce/calculix.py",
+              "reproduce/fem_loads.py"),
+    "accuracy": ("core/**/*.py", "reproduce/calculix.py", "reproduce/bodies.py",
+                 "reproduce/fem_*.py"),
+}  # fmt: skip
+"""Files that decide whether a case has to be done again."""
+_OTHERS = {"accuracy": ("fem_case.py", "fem_table.py", "fem_patch.py", "fem_loads.py")}
+"""Of these files, those that do not."""
+
+
+class CaseJob(Job):
+    """One case; its process writes it to the folder of cases."""
+
+    module = "HybridVolume.reproduce.fem_case"
+
+    def answers(self) -> list[str]:
+        """Nothing besides the case."""
+        return []
+
+
+@dataclass
+class Case:
+    """One case.
+
+    Attributes
+    ----------
+    name : str
+        Of its file.
+    part : {"volume", "patch", "loads", "accuracy"}
+    case : str
+        The body, or the name of the accuracy case.
+    task : dict
+        What its process is told besides.
+    faces : sequence of SplineFace
+        Of the body that is to be completed.
+    after : Case or None
+        What has to be there before.
+    """
+
+    name: str
+    part: str
+    case: str
+    task: dict[str, Any] = field(default_factory=dict)
+    faces: Sequence[SplineFace] = ()
+    after: Case | None = None
+
+    def key(self) -> str:
+        """What the figures depend on."""
+        package = Path(__file__).resolve().parents[1]
+        digest = hashlib.sha256(repr((VERSION, self.name, sorted(self.task.items()))).encode())
+        files = {path for pattern in _SOURCES[self.part] for path in package.glob(pattern)}
+        for path in sorted(files):
+            if path.name not in _OTHERS.get(self.part, ()):
+                digest.update(path.read_bytes())
+        for face in self.faces:
+            for array in (face.control_points, face.weights, *face.knots):
+                digest.update(array.tobytes())
+        if self.after is not None:
+            digest.update(self.after.key().encode())
+        return digest.hexdigest()[:16]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the command line takes."""
+    parser.add_argument(
+        "--data",
+        nargs="+",
+        metavar="FILE|DIR",
+        help="STEP and BREP files, or folders of them, besides the example",
+    )
+    parser.add_argument(
+        "--body",
+        action="append",
+        metavar="NAME",
+        help=f"patch tests and sums of loads of this body (repeatable; {', '.join(BODIES)})",
+    )
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        metavar="PART|CASE",
+        help=f"{', '.join(PARTS)}, or names of cases as patch-torus; the others are left out",
+    )
+    parser.add_argument(
+        "--gather", action="store_true", help="do nothing new: tables of what is finished"
+    )
+    parser.add_argument("--again", action="store_true", help="do finished cases again")
+    parser.add_argument(
+        "--time-limit", type=float, default=1800.0, metavar="S", help="seconds for a case (1800)"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Make all figures.
+
+    Returns
+    -------
+    int
+        0 when every demand that could be asked is met, else 1.
+
+    Raises
+    ------
+    HybridVolumeError
+        A file is not there, a name is unknown, or there is no worker.
+    """
+    from .fem_table import as_markdown, demands
+
+    started = time.perf_counter()
+    folder = Path(options.output)
+    for name in ("cases", "bodies", "volumes"):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    bodies, missing = _bodies(options, folder / "bodies")
+    cases = _chosen(_cases(bodies, folder), options.only)
+    # two cases at a time, one thread each: their seconds do not depend on one another
+    for name in THREADS:
+        os.environ.setdefault(name, "1")
+    runner = Runner(folder, options.time_limit, options.again)
+    if not options.gather:
+        runner.run(cases)
+    found: dict[str, Any] = {
+        "version": VERSION,
+        "machine": machine(),
+        "missing": missing,
+        **runner.collected(cases),
+    }
+    found["demands"] = demands(found)
+    found["pictures"] = _pictures(found["accuracy"], folder)
+    found["seconds"] = time.perf_counter() - started
+    write_json(folder / "fem.json", found)
+    text = as_markdown(found)
+    (folder / "fem.md").write_text(text, encoding="utf-8")
+    runner.screen.line(text)
+    unmet = [row for row in found["demands"] if row["met"] is False]
+    runner.screen.line(f"{folder / 'fem.md'}: {len(unmet)} of {len(found['demands'])} demands "
+                       f"not met ({found['seconds']:.0f} s)")  # fmt: skip
+    failed = [case["name"] for part in PARTS.values() for case in found[part] if case["error"]]
+    if failed:
+        runner.screen.line(f"cases with an error: {', '.join(failed)}")
+    return 1 if unmet or failed or found["not_done"] else 0
+
+
+@dataclass
+class _Body:
+    """A body, stored as FreeCAD reads it."""
+
+    name: str
+    words: str
+    brep: Path
+    faces: Sequence[SplineFace]
+    split: int = 1
+    error: HybridVolumeError | None = None
+
+
+def _bodies(options: argparse.Namespace, folder: Path) -> tuple[list[_Body], list[str]]:
+    """Bodies of patch tests and sums of loads, and names of those that are not there.
+
+    Raises
+    ------
+    InputError
+        A body is named that is neither made here nor in the files.
+    """
+    wanted = list(options.body or BODIES)
+    if not _asked(options.only, ("patch", "loads")):
+        return [], []
+    found = {body.name: body for body in (*_made(wanted, folder), *_read(options, wanted, folder))}
+    absent = [name for name in wanted if name not in found]
+    if absent and options.body:
+        raise InputError(f"{', '.join(absent)}: no such body", remedy="--data names further files")
+    return [found[name] for name in wanted if name in found], absent
+
+
+def _asked(only: Sequence[str] | None, parts: Sequence[str]) -> bool:
+    return not only or any(word.split("-")[0] in parts for word in only)
+
+
+def _made(wanted: Sequence[str], folder: Path) -> list[_Body]:
+    """Bodies made here, written and read again, so that all have a shape of FreeCAD's."""
+    from HybridVolume.core.assembly import build_surface
+
+    from ..exports.step import write_solid
+    from .shell_bodies import made_bodies
+
+    import_freecad()
+    from HybridVolume import sources
+
+    bodies = []
+    for made in made_bodies():
+        if made.name in wanted:
+            path = folder / f"{made.name}.brep"
+            write_solid(path, build_surface(list(made.faces())))
+            (body,) = sources.read_file(path)
+            bodies.append(_Body(made.name, made.words, path, body.faces, made.split, body.error))
+    return bodies
+
+
+def _read(options: argparse.Namespace, wanted: Sequence[str], folder: Path) -> list[_Body]:
+    """Bodies of files."""
+    import_freecad()
+    from HybridVolume import sources
+
+    more = list(options.data or ([str(BESIDE)] if BESIDE.is_dir() else []))
+    bodies = []
+    for file in body_files([str(EXAMPLES), *more]):
+        if not any(name.startswith(file.stem) for name in wanted):
+            continue
+        for body in sources.read_file(file):
+            if body.name in wanted:
+                path = folder / f"{body.name}.brep"
+                body.shape.exportBrep(str(path))
+                bodies.append(_Body(body.name, file.name, path, body.faces, error=body.error))
+    return bodies
+
+
+def _cases(bodies: Sequence[_Body], folder: Path) -> list[Case]:
+    """All cases, each after what it needs."""
+    cases = []
+    for body in bodies:
+        if body.error:
+            raise body.error
+        stored = {
+            "volume": str((folder / "volumes" / f"{body.name}.npz").resolve()),
+            "words": body.words,
+        }
+        volume = Case(
+            f"volume-{body.name}",
+            "volume",
+            body.name,
+            {**stored, "split": body.split, "options": OPTIONS.get(body.name, {})},
+            body.faces,
+        )
+        brep = {"brep": str(body.brep.resolve())}
+        cases += [
+            volume,
+            Case(f"patch-{body.name}", "patch", body.name, stored, after=volume),
+            Case(f"loads-{body.name}", "loads", body.name, {**stored, **brep}, after=volume),
+        ]
+    return cases + [Case(f"accuracy-{name}", "accuracy", name) for name in _accuracy_cases()]
+
+
+def _accuracy_cases() -> tuple[str, ...]:
+    if importlib.util.find_spec("HybridVolume.reproduce.fem_accuracy") is None:
+        return ()
+    from .fem_accuracy import CASES
+
+    return tuple(CASES)
+
+
+def _pictures(cases: Sequence[Mapping[str, Any]], folder: Path) -> list[str]:
+    if not cases:
+        return []
+    from . import fem_accuracy
+
+    draw = getattr(fem_accuracy, "pictures", None)
+    return list(draw(cases, folder)) if draw else []
+
+
+def _chosen(cases: Sequence[Case], only: Sequence[str] | None) -> list[Case]:
+    """Cases that are asked for, and those that they need.
+
+    Raises
+    ------
+    InputError
+        A word is no part and no case.
+    """
+    if not only:
+        return list(cases)
+    names = {case.name for case in cases}
+    unknown = [word for word in only if word not in PARTS and word not in names]
+    if unknown:
+        raise InputError(
+            f"{', '.join(unknown)}: no such part or case",
+            remedy=f"parts are {', '.join(PARTS)}, cases {', '.join(sorted(names))}",
+        )
+    chosen = [case for case in cases if case.part in only or case.name in only]
+    needed = {case.after.name for case in chosen if case.after} | {case.name for case in chosen}
+    return [case for case in cases if case.name in needed]
+
+
+class Runner:
+    """Works on cases, two at a time.
+
+    Parameters
+    ----------
+    folder : Path
+    time_limit : float
+        Seconds for a case.
+    again : bool
+        Do finished cases again.
+    """
+
+    def __init__(self, folder: Path, time_limit: float, again: bool) -> None:
+        self.folder, self.time_limit, self.again = folder, time_limit, again
+        self.cases = folder / "cases"
+        self.screen = Screen()
+        self.python = worker_python()
+        self._done: set[str] = set()
+
+    def run(self, cases: Sequence[Case]) -> None:
+        """Make all cases that are not finished."""
+        waiting = []
+        for case in cases:
+            if not self.again and self._finished(case):
+                self._done.add(case.name)
+            else:
+                waiting.append(case)
+        if self._done:
+            self.screen.line(f"{len(self._done)} of {len(cases)} cases finished before")
+        running: list[tuple[CaseJob, Case, float]] = []
+        try:
+            while waiting or running:
+                ready = [c for c in waiting if c.after is None or c.after.name in self._done]
+                while ready and len(running) < RUNNING:
+                    case = ready.pop(0)
+                    waiting.remove(case)
+                    if not self._lost_before(case):
+                        running.append(self._start(case))
+                for one in list(running):
+                    if self._ended(*one):
+                        running.remove(one)
+        finally:
+            for job, _, _ in running:
+                job.close()
+
+    def _lost_before(self, case: Case) -> bool:
+        """Whether what a case needs is an error; the case then has the same one."""
+        before = self.read(case.after.name) if case.after else None
+        if not before or not before["error"]:
+            return False
+        self._write(case, before["error"], case.key())
+        self._done.add(case.name)
+        return True
+
+    def _start(self, case: Case) -> tuple[CaseJob, Case, float]:
+        (self.cases / f"{case.name}.json").unlink(missing_ok=True)
+        options = {
+            "words": "",
+            **case.task,
+            "cases": str(self.cases.resolve()),
+            "name": case.name,
+            "part": case.part,
+            "case": case.case,
+            "key": case.key(),
+        }
+        job = CaseJob(case.faces, name=case.name, options=options, python=self.python)
+        job.prepare()
+        if case.part == "loads":
+            # FreeCAD's modules belong to the Python that runs this
+            job.python = sys.executable
+        job.start()
+        return job, case, time.perf_counter()
+
+    def _ended(self, job: CaseJob, case: Case, started: float) -> bool:
+        """Whether a case's process is over."""
+        for news in job.poll(wait=0.1):
+            self.screen.progress(case.name, news)
+        spent = time.perf_counter() - started
+        error = job.error
+        if job.state == "running":
+            if spent < self.time_limit:
+                return False
+            job.cancel()
+            error = WorkerError(
+                f"not finished within {self.time_limit:g} s",
+                figure=self.time_limit,
+                remedy="raise --time-limit",
+            )
+        job.close()
+        if self.read(case.name) is None:
+            # without a key: tried again next time
+            self._write(case, (error or WorkerError("the case was not made")).to_dict(), "")
+        self._done.add(case.name)
+        self.screen.line(f"{case.name}: {_words(self.read(case.name))}")
+        return True
+
+    def _write(self, case: Case, error: Mapping[str, Any], key: str) -> None:
+        values = {
+            "name": case.name, "part": case.part, "case": case.case, "key": key,
+            "words": case.task.get("words", ""), "error": dict(error),
+            "seconds": 0.0, "seconds_cpu": 0.0,
+        }  # fmt: skip
+        write_json(self.cases / f"{case.name}.json", values)
+
+    def _finished(self, case: Case) -> bool:
+        found = self.read(case.name)
+        if found is None or found.get("key") != case.key():
+            return False
+        return case.part != "volume" or Path(case.task["volume"]).is_file()
+
+    def read(self, name: str) -> dict[str, Any] | None:
+        """A case that was written, if it can be read."""
+        try:
+            return json.loads((self.cases / f"{name}.json").read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return None
+
+    def collected(self, cases: Sequence[Case]) -> dict[str, Any]:
+        """All finished cases, by their part, and the names of the others."""
+        found: dict[str, Any] = {name: [] for name in PARTS.values()}
+        found["volumes"], found["not_done"] = [], []
+        for case in cases:
+            values = self.read(case.name)
+            if values is None or values.pop("key", "") != case.key():
+                found["not_done"].append(case.name)
+            if values is not None:
+                found[PARTS.get(case.part, "volumes")].append(values)
+        return found
+
+
+def _words(case: Mapping[str, Any] | None) -> str:
+    if not case:
+        return "nothing"
+    if case["error"]:
+        return f"{case['error']['code']}: {case['error']['message']}"
+    return f"done ({case['seconds_cpu']:.1f} s of the processor)"
