@@ -19,10 +19,14 @@ CREASE = 30.0
 
 STEEPEST = 60.0
 """Degrees between normals around a point up to which it is seen from its tangent plane."""
-_NEAR = 0.01
+_NEAR = 0.03
 """Square of the distance, as a share of the farthest, within which all weights are alike."""
+_HOLD = 1e-4
+"""Weight that holds cubic terms back, as a share of the far points'."""
+_MARGIN = {2: 1.0, 3: 1.5}
+"""Points an unknown of a quadric, of a cubic."""
 _SINGULAR = 1e-10
-_BLOCK = 20_000
+_BLOCK = 5_000
 
 
 @dataclass(frozen=True)
@@ -39,12 +43,15 @@ class Boundary:
         Exact unit normals at the nodes, outward; else those of the triangles are averaged.
     others : (m,) int array
         Nodes that boundary faces touch which are no triangles.
+    pressure : (nt,) array or None
+        MPa, of triangles whose load is known for certain: 0 on free ones; nan where it is not.
     """
 
     triangles: np.ndarray
     face: np.ndarray | None = None
     normals: np.ndarray | None = None
     others: np.ndarray | Sequence[int] = ()
+    pressure: np.ndarray | None = None
 
 
 def free_facets(
@@ -86,6 +93,8 @@ class BoundarySurface:
         Number of smooth faces.
     position, normal : (np, 3) arrays
         mm, and outward unit normals.
+    pressure : (np,) array
+        MPa, where it is known for certain; else nan.
     """
 
     def __init__(self, nodes: np.ndarray, boundary: Boundary) -> None:
@@ -105,8 +114,12 @@ class BoundarySurface:
         given = normals if boundary.normals is None else boundary.normals
         self.normal = _unit(self._mean(given))
         self._even = self._bends(normals)
+        given = np.full(self.points.shape, np.nan)
+        if boundary.pressure is not None:
+            given[:] = np.asarray(boundary.pressure)[:, None]
+        self.pressure = self._mean(given[..., None])[:, 0]
         if boundary.normals is None and self.kind == "tri6":
-            slope, sound = self._slopes(self.position)
+            slope, sound = self._slopes(self.position, 2)
             height = np.einsum("pck,pc->pk", slope, self.normal)
             tilted = self.normal - np.einsum("pk,pkc->pc", height, self.frame[:, :2])
             self.normal = np.where(sound[:, None], _unit(tilted), self.normal)
@@ -204,35 +217,40 @@ class BoundarySurface:
         gradient = self._mean((slope @ inverse).reshape(len(slope), -1, 9)).reshape(-1, 3, 3)
         along = np.einsum("pck,pbk->pcb", gradient, self.frame[:, :2])
         if self.kind == "tri6":
-            fitted, sound = self._slopes(displacement[self.point_node])
-            along = np.where(sound[:, None, None], fitted, along)
+            for degree in (2, 3):
+                fitted, sound = self._slopes(displacement[self.point_node], degree)
+                along = np.where(sound[:, None, None], fitted, along)
         local = np.einsum("pac,pcb->pab", self.frame[:, :2], along)
         shear = 0.5 * (local[:, 0, 1] + local[:, 1, 0])
         return np.column_stack([local[:, 0, 0], local[:, 1, 1], shear])
 
-    def _bends(self, normals: np.ndarray) -> np.ndarray:
-        """Whether the triangles around each point see it from within `STEEPEST`, (np,)."""
+    def _bends(self, normals: np.ndarray) -> dict[int, np.ndarray]:
+        """Whether triangles near each point see it from within `STEEPEST`, by degree, (np,)."""
         towards = np.einsum("tkc,tmc->tkm", self.normal[self.points], normals).min(axis=2)
         least = np.ones(len(self.point_node))
         np.minimum.at(least, self.points.ravel(), towards.ravel())
-        return least > np.cos(np.radians(STEEPEST))
+        angle = np.arccos(np.clip(least, -1.0, 1.0))
+        # two rings bend about twice as much as one
+        return {degree: (degree - 1) * angle < np.radians(STEEPEST) for degree in (2, 3)}
 
-    @cached_property
-    def _rings(self) -> tuple[np.ndarray, np.ndarray]:
-        """Points of the triangles around each point, in rows filled up, and which ones count."""
+    def _ring(self, wide: bool) -> sp.csr_matrix:
+        """Points near each point: of the triangles around it, or also of those that touch them."""
         count, width = self.points.shape
-        rows, columns = self.points.ravel(), np.repeat(np.arange(count), width)
         size = len(self.point_node)
-        corner = sp.csr_matrix((np.ones(len(rows)), (rows, columns)), (size, count))
-        ring = (corner @ corner.T).tocsr()
-        length = np.diff(ring.indptr)
-        index = np.zeros((size, length.max(initial=1)), dtype=np.int64)
-        used = np.arange(index.shape[1]) < length[:, None]
-        index[used] = ring.indices
-        return index, used
 
-    def _slopes(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives along the frame's tangents by a quadric over the triangles around a point.
+        def touches(points: np.ndarray) -> sp.csr_matrix:
+            rows, columns = points.ravel(), np.repeat(np.arange(count), points.shape[1])
+            return sp.csr_matrix((np.ones(len(rows)), (rows, columns)), (size, count))
+
+        corner = touches(self.points)
+        if not wide:
+            return (corner @ corner.T).tocsr()
+        # a point sees the triangles that have a corner with one of its own in common
+        vertex = touches(self.points[:, :3])
+        return (corner @ (vertex.T @ vertex) @ corner.T).tocsr()
+
+    def _slopes(self, values: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives along the frame's tangents, by a polynomial over the triangles near a point.
 
         It sees the surface from the tangent plane, so that mid nodes beside the middle of their
         edges, as uneven parameters give them, do no harm.
@@ -240,6 +258,8 @@ class BoundarySurface:
         Parameters
         ----------
         values : (np, 3) array
+        degree : {2, 3}
+            Over the triangles around each point, or over two rings.
 
         Returns
         -------
@@ -247,22 +267,33 @@ class BoundarySurface:
         sound : (np,) bool array
             False where the triangles are too few, or bend too much.
         """
+        ring = self._ring(wide=degree == 3)
+        powers = [(i - j, j) for i in range(degree + 1) for j in range(i + 1)]
+        cubic = np.array([i + j > 2 for i, j in powers])
+        length = np.diff(ring.indptr)
+        sound = self._even[degree] & (length >= _MARGIN[degree] * len(powers))
         slopes = np.zeros((len(self.point_node), 3, 2))
-        sound = self._even.copy()
-        index, used = self._rings
-        for start in range(0, len(slopes), _BLOCK):
-            part = slice(start, start + _BLOCK)
-            ring, weight = index[part], used[part]
-            away = self.position[ring] - self.position[part][:, None]
+        todo = np.flatnonzero(sound)
+        todo = todo[np.argsort(length[todo], kind="stable")]
+        for start in range(0, len(todo), _BLOCK):
+            part = todo[start : start + _BLOCK]
+            used = np.arange(length[part].max()) < length[part][:, None]
+            index = np.zeros(used.shape, dtype=np.int64)
+            index[used] = ring[part].indices
+            away = self.position[index] - self.position[part][:, None]
             x = np.einsum("psc,pkc->psk", away, self.frame[part][:, :2])
-            scale = np.sqrt(np.max(np.sum(x**2, axis=2) * weight, axis=1))
-            x = x / scale[:, None, None]
-            weight = weight / (_NEAR + np.sum(x**2, axis=2))
-            a, b = x[..., 0], x[..., 1]
-            basis = np.stack([np.ones_like(a), a, b, a * a, a * b, b * b], axis=2)
-            basis = basis * weight[..., None]
-            wanted = (values[ring] - values[part][:, None]) * weight[..., None]
-            size, vectors = np.linalg.eigh(np.swapaxes(basis, 1, 2) @ basis)
+            square = np.sum(x**2, axis=2)
+            scale = np.sqrt(np.max(square * used, axis=1))
+            x, square = x / scale[:, None, None], square / scale[:, None] ** 2
+            weight = used / (_NEAR + square)
+            basis = np.stack([x[..., 0] ** i * x[..., 1] ** j for i, j in powers], axis=2)
+            basis *= weight[..., None]
+            wanted = (values[index] - values[part][:, None]) * weight[..., None]
+            matrix = np.swapaxes(basis, 1, 2) @ basis
+            # what only few points would decide stays small
+            hold = _HOLD * np.sum(weight**2 * (square > 0.25), axis=1)
+            matrix += hold[:, None, None] * np.diag(cubic.astype(float))
+            size, vectors = np.linalg.eigh(matrix)
             sound[part] &= size[:, 0] > _SINGULAR * size[:, -1]
             size = np.maximum(size, _SINGULAR * size[:, -1:])
             right = np.swapaxes(basis, 1, 2) @ wanted

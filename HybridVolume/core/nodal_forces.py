@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 
 from .boundary_surface import BoundarySurface
 from .elements import gauss_line, jacobians, quadrature, shape_functions, shape_gradients
@@ -22,9 +23,11 @@ from .elements import gauss_line, jacobians, quadrature, shape_functions, shape_
 logger = logging.getLogger(__name__)
 
 _CHUNK = 20_000
-_EXACT, _NEAR = 2e-3, 2e-2
+_EXACT, _NEAR = 1e-3, 5e-3
 """Remaining traction as a share of the stress at which a simple load is taken at once, and at
-which the best one is taken. A workbench spreads a force over curved faces to within a percent."""
+which the best plain one is taken: workbenches spread forces over curved faces not quite evenly."""
+_FLAT = 1e-6
+"""Difference of the normals of a plane."""
 _PLAIN = ("free", "pressure", "force")
 """Loads that are taken when they are near; with more unknowns supports would look like loads."""
 _MARGIN = 2.0
@@ -153,9 +156,10 @@ class FaceLoads:
     Attributes
     ----------
     traction : (np, 3) array
-        MPa, at the surface's points; nan where it is not known.
+        MPa, at the surface's points, along the three axes of their frames; nan where not known.
     kinds : tuple of str
-        By face: "free", "pressure", "force", "mixed", "linear", or "unknown".
+        By face: "free", "pressure", "force", "mixed" (pressure and force), "linear" (a pressure
+        that is linear in the position, and a force), "sliding" (a plane without shear), "unknown".
     """
 
     traction: np.ndarray
@@ -177,8 +181,7 @@ def face_loads(
     level : (nf,) array
         Stress to compare with by face, MPa.
     """
-    mass, size = surface.mass, surface.node_area
-    shared = np.bincount(surface.point_node, minlength=mass.shape[0])
+    shared = np.bincount(surface.point_node, minlength=len(force))
     shared[surface.others] += 1
     traction = np.full((len(surface.point_node), 3), np.nan)
     kinds = []
@@ -186,37 +189,71 @@ def face_loads(
         points = np.flatnonzero(surface.point_face == face)
         rows = surface.point_node[points]
         inner = rows[shared[rows] == 1]
-        best: tuple[float, str, np.ndarray] | None = None
-        if len(inner):
-            own = mass[inner][:, points]
-            root = np.sqrt(size[inner])[:, None, None]
-            wanted = force[inner] / root[..., 0]
-            allowed = np.sqrt(np.mean(noise[inner] ** 2 / size[inner]) / np.mean(size[inner]))
-            for kind, basis in _models(surface.position[points], surface.normal[points]):
-                unknowns = basis.shape[1]
-                if 3 * len(inner) < _MARGIN * unknowns + 3 * (unknowns > 0):
-                    continue
-                rest, value = wanted, np.zeros((len(points), 3))
-                if unknowns:
-                    act = (own @ basis.reshape(len(points), -1)).reshape(-1, unknowns, 3)
-                    act = (act / root).transpose(0, 2, 1).reshape(-1, unknowns)
-                    found = np.linalg.lstsq(act, wanted.ravel(), rcond=1e-8)[0]
-                    rest = wanted - (act @ found).reshape(-1, 3)
-                    value = np.einsum("pkc,k->pc", basis, found)
-                # a mean traction that remains: forces over roots of areas, over a root of an area
-                left = np.sqrt(np.mean(np.sum(rest**2, axis=1)) / np.mean(size[inner]))
-                left = max(0.0, left - 2.0 * allowed) / max(level[face], 1e-300)
-                if best is None or left < 0.5 * best[0]:
-                    best = (left, kind, value)
-                if best[0] <= _EXACT:
-                    break
-        if best is not None and best[0] <= (_NEAR if best[1] in _PLAIN else _EXACT):
-            traction[points] = best[2]
-            kinds.append(best[1])
-        else:
-            kinds.append("unknown")
+        pressure = surface.pressure[points]
+        frame, normal = surface.frame[points], surface.normal[points]
+        if np.isfinite(pressure).all():
+            kinds.append("pressure" if pressure.any() else "free")
+            traction[points] = -pressure[:, None] * [0.0, 0.0, 1.0]
+            continue
+        kind, value = "unknown", None
+        area = surface.node_area[inner]
+        unsure = np.sqrt(np.mean(noise[inner] ** 2 / area) / np.mean(area)) if len(inner) else 0.0
+        if len(inner) and unsure < _NEAR * level[face]:
+            own = surface.mass[inner][:, points]
+            measure = _Measure(own, force[inner], area, unsure, level[face])
+            kind, value = measure.simplest(surface.position[points], normal)
+            if value is None and np.ptp(normal, axis=0).max() < _FLAT:
+                across = force[inner] - (force[inner] @ normal[0])[:, None] * normal[0]
+                if measure.left(across / np.sqrt(area)[:, None]) <= _EXACT:
+                    kind, traction[points, :2] = "sliding", 0.0
+        if value is not None:
+            traction[points] = np.einsum("pkc,pc->pk", frame, value)
+        kinds.append(kind)
     logger.debug("loads of the faces: %s", kinds)
     return FaceLoads(traction, tuple(kinds))
+
+
+class _Measure:
+    """How well tractions explain the forces on the nodes inside one face."""
+
+    def __init__(
+        self, own: sp.csr_matrix, force: np.ndarray, area: np.ndarray, unsure: float, level: float
+    ) -> None:
+        self.own, self.root = own, np.sqrt(area)[:, None]
+        self.wanted = force / self.root
+        self.unsure, self.level = unsure, max(level, np.finfo(float).tiny)
+
+    def left(self, rest: np.ndarray) -> float:
+        """Mean remaining traction beyond the noise, as a share of the stress.
+
+        ``rest`` are forces over the root of the nodes' areas.
+        """
+        mean = np.sqrt(np.mean(np.sum(rest**2, axis=1)) / np.mean(self.root**2))
+        return max(0.0, mean - 2.0 * self.unsure) / self.level
+
+    def simplest(self, position: np.ndarray, normal: np.ndarray) -> tuple[str, np.ndarray | None]:
+        """Kind and tractions (np, 3) of the simplest load that fits; None if none does."""
+        best: tuple[float, str, np.ndarray] | None = None
+        equations = 3 * len(self.wanted)
+        for kind, basis in _models(position, normal):
+            unknowns = basis.shape[1]
+            if unknowns and equations < _MARGIN * unknowns + 3:
+                continue
+            rest, value = self.wanted, np.zeros((len(position), 3))
+            if unknowns:
+                act = (self.own @ basis.reshape(len(position), -1)).reshape(-1, unknowns, 3)
+                act = (act / self.root[..., None]).transpose(0, 2, 1).reshape(-1, unknowns)
+                found = np.linalg.lstsq(act, self.wanted.ravel(), rcond=1e-8)[0]
+                rest = self.wanted - (act @ found).reshape(-1, 3)
+                value = np.einsum("pkc,k->pc", basis, found)
+            left = self.left(rest)
+            if best is None or left < 0.5 * best[0]:
+                best = (left, kind, value)
+            if best[0] <= _EXACT:
+                break
+        if best is None or best[0] > (_NEAR if best[1] in _PLAIN else _EXACT):
+            return "unknown", None
+        return best[1:]
 
 
 def _models(position: np.ndarray, normal: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:

@@ -244,6 +244,7 @@ def _within(boundary: Boundary, free: np.ndarray, others: np.ndarray) -> Boundar
         None if boundary.face is None else np.asarray(boundary.face)[kept],
         None if boundary.normals is None else np.asarray(boundary.normals)[kept],
         np.union1d(np.union1d(others, boundary.others), apart).astype(int),
+        None if boundary.pressure is None else np.asarray(boundary.pressure)[kept],
     )
 
 
@@ -305,7 +306,7 @@ def combined(
     displacement : (n, 3) array
         mm.
     traction : (np, 3) array
-        MPa, at the surface's points; nan where unknown.
+        MPa, at the surface's points in their frames; nan where unknown.
     strain : (n, 6) array
         From the elements; it fills in what loads and surface leave open.
     material : Material
@@ -317,25 +318,24 @@ def combined(
     """
     modulus = material.young / (1.0 + material.poisson)
     frame, along = surface.frame, surface.tangential_strain(displacement)
-    known = np.isfinite(traction).all(axis=1)
+    known = np.isfinite(traction)
     # a face without a known load leaves the strain as the elements have it: better than half of it
-    trust = np.where(known, 1.0, _UNSURE)[:, None]
+    trust = np.where(known.all(axis=1), 1.0, _UNSURE)[:, None]
     rows, values = [], []
     for number, (a, b, weight) in enumerate(((0, 0, 1.0), (1, 1, 1.0), (0, 1, 2.0**0.5))):
         rows.append(trust * modulus * weight * _product(frame[:, a], frame[:, b]))
         values.append(trust[:, 0] * modulus * weight * along[:, number])
+    sigma = tensor(material.stress(np.eye(6)))  # stress of each component of strain
+    across = np.einsum("sij,pj->psi", sigma, surface.normal)
     for axis in range(3):
-        sigma = material.stress(np.eye(6))  # stress of each component of strain
-        normal = surface.normal
-        pick = [[0, 3, 4], [3, 1, 5], [4, 5, 2]][axis]
-        rows.append(known[:, None] * (normal @ sigma[:, pick].T))
-        values.append(np.where(known, traction[:, axis], 0.0))
+        rows.append(known[:, axis, None] * np.einsum("psi,pi->ps", across, frame[:, axis]))
+        values.append(np.where(known[:, axis], traction[:, axis], 0.0))
     act, wanted = np.stack(rows, axis=1), np.stack(values, axis=1)
     count, node = len(strain), surface.point_node
     matrix, right = np.zeros((count, 6, 6)), np.zeros((count, 6))
     np.add.at(matrix, node, np.swapaxes(act, 1, 2) @ act)
     np.add.at(right, node, np.einsum("pri,pr->pi", act, wanted))
-    members = np.unique(node[known])
+    members = np.unique(node[known.any(axis=1)])
     double = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0]) * (_WEAK * modulus) ** 2
     matrix, right = matrix[members] + np.diag(double), right[members] + double * strain[members]
     result = strain.copy()
