@@ -166,6 +166,10 @@ def parameters_of(options: argparse.Namespace) -> dict[str, Any]:
     from HybridVolume.objects.density import density_parameters
     from HybridVolume.objects.thickness import spacing_parameters, thickness_parameters
 
+    if options.elements == "hex20" and options.order == 1:
+        raise InputError(
+            "--elements hex20 is of second order", remedy="leave out --order 1 or --elements hex20"
+        )
     factors = parse_factors(options.face_factors)
     density = Density(
         nodes=options.nodes,

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from HybridVolume import protocol
-from HybridVolume.errors import FaultError, HybridVolumeError, SetupError
+from HybridVolume.errors import FaultError, HybridVolumeError, InputError, SetupError
 
 if TYPE_CHECKING:
     from HybridVolume.core.hybrid import HybridVolume
@@ -91,6 +91,8 @@ def work(folder: Path, channel: Channel) -> None:
         raise FaultError(f"the job speaks protocol {task['protocol']}, not {protocol.PROTOCOL}")
     watch = Stopwatch(channel.progress)
     options = Options(**task["options"])
+    if task["elements"] == "hex20" and options.order == 1:
+        raise InputError("hexahedra have the order 2", remedy="leave the order 1 or the hexahedra")
     if task["goal"] == "mesh":
         figures = _mesh(folder, task, options, watch)
     else:
@@ -120,7 +122,7 @@ def _volume(
     made: dict[str, Any] = {}
     drawn = "pictures" in task["exports"]
     volume = complete(surface, options, watch, own, made.__setitem__ if drawn else None)
-    _write(folder, task, volume, watch)
+    further = _write(folder, task, volume, watch)
     pictures: list[str] = []
     if drawn:
         from HybridVolume.exports.pictures import write_pictures
@@ -129,6 +131,7 @@ def _volume(
         pictures = write_pictures(folder, task["name"], volume, made["field"])
     watch.enter(None)
     figures = report.volume_report(volume, source=task["source"], seconds=watch.seconds)
+    figures["fem"] |= further
     return {**figures, "pictures": pictures} if drawn else figures
 
 
@@ -144,13 +147,22 @@ def _mesh(folder: Path, task: dict, options: Options, watch: Stopwatch) -> dict[
     check_faces(options.face_sizes, volume.surface)
     watch("interior", 0.1, "interface, core, FEM mesh")
     volume = remesh(volume, options.density, order=options.order, engine=options.engine)
-    _write(folder, task, volume, watch)
+    further = _write(folder, task, volume, watch)
     watch.enter(None)
-    return report.volume_report(volume, source=task["source"], seconds=watch.seconds)
+    figures = report.volume_report(volume, source=task["source"], seconds=watch.seconds)
+    figures["fem"] |= further
+    return figures
 
 
-def _write(folder: Path, task: dict, volume: HybridVolume, watch: Stopwatch) -> None:
-    """Write the result and all exports but the pictures of the stages."""
+def _write(folder: Path, task: dict, volume: HybridVolume, watch: Stopwatch) -> dict[str, Any]:
+    """Write the result and all exports but the pictures of the stages.
+
+    Returns
+    -------
+    dict
+        What is to be told about the exports with the mesh.
+    """
+    told: dict[str, Any] = {}
     watch("exports", 0.93, "writing the result")
     volume.save(folder / protocol.RESULT_FILE)
     for number, export in enumerate(task["exports"]):
@@ -158,7 +170,8 @@ def _write(folder: Path, task: dict, volume: HybridVolume, watch: Stopwatch) -> 
             continue
         (file,) = protocol.exported_files(task["name"], export)
         watch("exports", 0.94 + 0.02 * number, f"writing {file}")
-        write_export(volume, export, folder / file, task["elements"])
+        told |= write_export(volume, export, folder / file, task["elements"])
+    return told
 
 
 def _midstructure(
@@ -190,7 +203,9 @@ def _thickness(
     return {**part, "thickness": figures}
 
 
-def write_export(volume: HybridVolume, export: str, path: Path, elements: str = "wedges") -> None:
+def write_export(
+    volume: HybridVolume, export: str, path: Path, elements: str = "wedges"
+) -> dict[str, Any]:
     """Write one of :data:`HybridVolume.protocol.EXPORTS`.
 
     Parameters
@@ -200,6 +215,11 @@ def write_export(volume: HybridVolume, export: str, path: Path, elements: str = 
     path : Path
     elements : {"wedges", "hex20"}
         Of the shell in an .inp file.
+
+    Returns
+    -------
+    dict
+        ``hexahedra``, the figures of the mesh in the file where it is not the volume's own.
     """
     if export == "vtu":
         from HybridVolume.exports.vtu import write_vtu
@@ -208,13 +228,20 @@ def write_export(volume: HybridVolume, export: str, path: Path, elements: str = 
     elif export == "inp":
         from HybridVolume.exports.inp import write_inp
 
-        write_inp(path, volume.fem, title=path.stem)
+        mesh = volume.fem
+        if elements == "hex20":
+            from HybridVolume.core.hexahedra import hexahedral_mesh
+
+            mesh = hexahedral_mesh(volume.fem, volume.interface)
+        write_inp(path, mesh, title=path.stem)
+        return {"hexahedra": mesh.figures()} if mesh is not volume.fem else {}
     elif export == "png":
         from HybridVolume.exports.picture import write_picture
 
         write_picture(path, volume)
     else:
         raise ValueError(f"no export {export!r}")
+    return {}
 
 
 def die_with_parent() -> None:

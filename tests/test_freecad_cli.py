@@ -164,6 +164,15 @@ def test_refused_in_one_line(place, python, name):
         (("box.step", "--spacing", "thin"), "--spacing: 'thin' is no spacing of layers; give"),
         (("box.step", "--spacing", "ratio 9"), "grow by the factor 9; choose a factor from 0.125"),
         (("box.step", "--order", "3"), "--order: invalid choice"),
+        (("box.step", "--subdivide", "0"), "--subdivide: parts of a cell: 0; choose a value from"),
+        (("box.step", "--size", "-1"), "--size: the size of elements is -1 mm; choose a length"),
+        (("box.step", "--face-size", "Face1"), "'Face1' is no size of elements at a face; write"),
+        (("box.step", "--face-size", "Face9=2"), "size Face9=2: no body has this face; name one"),
+        (("box.step", "--size", "1", "--nodes", "greville"), "Greville abscissae have no size"),
+        (("box.step", "--fem-layers", "2.5"), "--fem-layers: '2.5' is no count"),
+        (("box.step", "--layer-growth", "9"), "growth of the layers: 9; choose a value from 1"),
+        (("box.step", "--export", "msh,stl"), "--export: 'stl' is no format; choose some of unv"),
+        (("box.step", "--elements", "hex20", "--order", "1"), "hex20 is of second order; leave"),
         (("box.step", "--midstructure", "magic"), "none of auto, medial-axis, skeleton, dist"),
         (("box.step", "--midstructure", "own"), "no STEP or BREP file"),
         (("box.step", "--midstructure", "nowhere.brep"), "nowhere.brep does not exist"),
@@ -264,6 +273,13 @@ def test_report(completed):
     assert total == pytest.approx(6.0, rel=1e-9)
     fem = found["fem"]
     assert fem["volume"] == pytest.approx(6.0, rel=1e-9) and fem["faces_covered"] == 6
+    quality = fem["quality"]["groups"]
+    assert quality["core"]["elements"] == fem["tet10"]
+    assert quality["shell"]["elements"] == sum(quality["shell"]["histogram"]) == fem["penta15"]
+    assert quality["all"]["scaled_jacobian"]["min"] == fem["min_scaled_jacobian"] > 0
+    parts = quality["shell"]["total_volume"] + quality["core"]["total_volume"]
+    assert parts == pytest.approx(quality["all"]["total_volume"]) == pytest.approx(6.0)
+    assert set(fem["repairs"]) == {"straightened", "untangled", "flipped", "refined"}
     assert fem["tet10"] == found["interior"]["tets"] and found["interior"]["boundary_exact"]
     assert found["midstructure"]["area"] > 0 and found["field"]["tets"] > 0
     seconds = found["seconds"]
@@ -307,15 +323,19 @@ def test_several_bodies_one_refused(place, python):
     bodies = [box(), Part.makeCylinder(0.5, 1, FreeCAD.Vector(6, 0, 0))]
     write_step(Part.makeCompound(bodies), place / "two.step")
     decisions = ("--keep-sheet", "Face5+Face4", "--remove-sheet", "Face1+Face3")
-    answer = run(place, "two.step", "--order", "1", "--layers", "1", *decisions)
+    mesh = ("--order", "1", "--fem-layers", "3", "--layer-growth", "2", "--export", "msh,vtu")
+    answer = run(place, "two.step", "--layers", "1", *mesh, *decisions)
     assert answer.returncode == 2
     (line,) = answer.stderr.splitlines()
     assert line.startswith("error: two_2: Face") and "seam" in line
-    names = [f"two_1.{export}" for export in ("inp", "png", "vtu")]
+    names = [f"two_1.{export}" for export in ("inp", "msh", "png", "vtu")] + ["two_1_fem.vtu"]
     assert tree(place / "two") == sorted([*names, "report.json", "two.FCStd"])
     found = json.loads((place / "two" / "report.json").read_text())
     (one,) = found["volumes"]
     assert one["shell"]["layers"] == 1 and one["fem"]["penta6"] > 0 == one["fem"]["penta15"]
+    density = one["fem"]["density"]
+    assert one["fem"]["layers"] == density["layers"] == 3 and density["growth"] == 2.0
+    assert (place / "two" / "two_1.msh").read_bytes()[:15] == b"$MeshFormat\n4.1"
     (refused,) = found["refused"]
     assert refused["name"] == "two_2" and refused["code"] == "seam"
     # the sheet in the middle, (3 - 1) (2 - 1), and the thick part of one of an edge of length 3,
@@ -328,6 +348,7 @@ def test_several_bodies_one_refused(place, python):
     doc = FreeCAD.openDocument(str(place / "two" / "two.FCStd"), hidden=True)
     try:
         assert doc.Midstructure.Decisions == sheets["decided"]
+        assert doc.FemMesh.Layers == 3 and doc.FemMesh.Growth == 2.0
         assert doc.Midstructure.Kept.count(True) == 2 and doc.HybridVolume.Status == "Up to date"
     finally:
         FreeCAD.closeDocument(doc.Name)
