@@ -17,11 +17,10 @@ from HybridVolume.errors import HybridVolumeError
 from HybridVolume.objects import midstructure as objects
 from HybridVolume.sources import global_shape
 
-from . import messages, preferences
+from . import messages
 from .clip import ClipControls
-from .dock import WideDock
-from .forms import load_form
 from .macro import Macro
+from .panel import Panel
 from .picking import (
     BoxSelection,
     SheetPicking,
@@ -37,11 +36,8 @@ from .stage import Stage
 from .undo import UndoMark
 from .work import is_deleted
 
-WIDTH = 460
-"""Of the dock, in pixels: the table shows all but the end of its last column."""
 
-
-class MidstructurePanel:
+class MidstructurePanel(Panel):
     """Finds the midstructure of a volume in the worker, then lets the user choose its sheets.
 
     Parameters
@@ -59,10 +55,10 @@ class MidstructurePanel:
         Its property ``previewSeconds`` tells what the last step of a slider took, with the view.
     """
 
+    WIDTH = 460  # the table shows all but the end of its last column
+
     def __init__(self, volume: Any, mark: UndoMark, *, goes_on: bool = False) -> None:
-        self.form = load_form("midstructure_panel")
-        icon = preferences.RESOURCES / "icons" / "HybridVolume_Midstructure.svg"
-        self.form.setWindowIcon(QtGui.QIcon(str(icon)))
+        super().__init__("midstructure_panel", "HybridVolume_Midstructure")
         self._volume = volume
         self._obj = volume.Midstructure
         self._document = volume.Document.Name
@@ -72,7 +68,6 @@ class MidstructurePanel:
         self._goes_on = goes_on
         self._macro = Macro(self._obj)
         self._macro.steps.update(volume.Document.UndoNames[:1] if goes_on else ())
-        self._closed = False
         self._syncing = False
         self._box: BoxSelection | None = None
         self._refresh_soon = timer(self.form, 0, self._refresh)
@@ -86,13 +81,11 @@ class MidstructurePanel:
         self._fill_form()
         self._stage = self._make_stage()
         self._clip = ClipControls(self.form, self._looking, self._stage.cut)
-        self._dock = WideDock(self.form, WIDTH)
         self._picking = SheetPicking(
             self._obj, self._click_sheet, self._selection_changed, self._hover
         )
         FreeCAD.addDocumentObserver(self)
-        # whoever closes the dialog: gate, observers and glass must go
-        self.form.destroyed.connect(lambda *_: self._clean())
+        self._opened()
         self._refresh()
 
     # What FreeCAD asks a panel.
@@ -136,18 +129,6 @@ class MidstructurePanel:
             self._mark.go_back(self._macro.steps)
         return True
 
-    def isAllowedAlterDocument(self) -> bool:
-        """Leave Undo usable while the panel is open."""
-        return True
-
-    def isAllowedAlterSelection(self) -> bool:
-        """Leave the selection usable while the panel is open."""
-        return True
-
-    def isAllowedAlterView(self) -> bool:
-        """Leave the view usable while the panel is open."""
-        return True
-
     # Opening and closing.
 
     def _make_stage(self) -> Stage:
@@ -160,21 +141,13 @@ class MidstructurePanel:
         view.draw(self._obj)
         return Stage(self._obj, view.scene, [part for part in parts if part is not None], shape)
 
-    def _close(self) -> None:
-        self._clean()
-        FreeCADGui.Control.closeDialog()
-
-    def _clean(self) -> None:
-        if self._closed:
-            return
-        self._closed = True
+    def _put_back(self) -> None:
         self._search.cancel()
         FreeCAD.removeDocumentObserver(self)
         if self._box:
             self._box.close()
         self._picking.close()
         self._stage.close()
-        self._dock.close()
 
     def _fill_form(self) -> None:
         form = self.form

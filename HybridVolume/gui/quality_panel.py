@@ -10,25 +10,21 @@ from typing import Any
 import FreeCAD
 import FreeCADGui
 import numpy as np
-from PySide import QtCore, QtGui
+from PySide import QtCore
 
 from HybridVolume.errors import HybridVolumeError
 from HybridVolume.objects.inner import stored_volume
 from HybridVolume.objects.volume import CHILDREN
 
-from . import colour_scale, preferences
+from . import colour_scale
 from .clip import ClipControls, plane_across
-from .dock import WideDock
 from .figure_table import FigureTable
-from .forms import load_form
 from .histogram import Histogram
+from .panel import Panel
 from .picking import Clicks
 from .result_view import COLOURINGS, Result, ResultScene
 from .stage import Added, Hidden
 from .work import is_deleted
-
-WIDTH = 490
-"""Of the dock, pixels."""
 
 OTHERS, LEAST_TABLE, MOST_TABLE = 622, 150, 520
 """Pixels: height of what is above, beside and below the tables, and of the tables."""
@@ -65,7 +61,7 @@ WORST_COLUMNS = (
 )
 
 
-class QualityPanel:
+class QualityPanel(Panel):
     """Shows a stored result: its histogram, its figures by face, by layer and by element.
 
     Parameters
@@ -86,14 +82,13 @@ class QualityPanel:
         There is no result, or its file is damaged.
     """
 
+    WIDTH = 490
+
     def __init__(self, volume: Any, *, inner: bool = False) -> None:
         self._result = Result(stored_volume(volume))
-        self.form = load_form("quality_panel")
-        icon = preferences.RESOURCES / "icons" / "HybridVolume_Quality.svg"
-        self.form.setWindowIcon(QtGui.QIcon(str(icon)))
+        super().__init__("quality_panel", "HybridVolume_Quality")
         self._volume = volume
         self._document, self._name = volume.Document.Name, volume.Name
-        self._closed = False
         self._hidden, self._added = Hidden(), None
         self._faces = FigureTable(self.form.faces, FACE_COLUMNS, self._select_faces)
         self._layers = FigureTable(self.form.layers, LAYER_COLUMNS, self._select_layers)
@@ -105,32 +100,8 @@ class QualityPanel:
         self._show_result()
         self._clip = ClipControls(self.form, self._looking, self._cut)
         self._clicks = Clicks(self._document, self._tell_element)
-        self._dock = WideDock(self.form, WIDTH)
         FreeCAD.addDocumentObserver(self)
-        self.form.destroyed.connect(lambda *_: self._clean())
-
-    # What FreeCAD asks a panel.
-
-    def getStandardButtons(self) -> Any:
-        """Return the one button below the panel."""
-        return QtGui.QDialogButtonBox.Close
-
-    def reject(self) -> bool:
-        """Close the panel; the view is as it was."""
-        self._close()
-        return True
-
-    def isAllowedAlterDocument(self) -> bool:
-        """Leave the document usable while the panel is open."""
-        return True
-
-    def isAllowedAlterSelection(self) -> bool:
-        """Leave the selection usable while the panel is open."""
-        return True
-
-    def isAllowedAlterView(self) -> bool:
-        """Leave the view usable while the panel is open."""
-        return True
+        self._opened()
 
     # Opening and closing.
 
@@ -204,18 +175,10 @@ class QualityPanel:
             self._added.close()
         self._hidden.close()
 
-    def _close(self) -> None:
-        self._clean()
-        FreeCADGui.Control.closeDialog()
-
-    def _clean(self) -> None:
-        if self._closed:
-            return
-        self._closed = True
+    def _put_back(self) -> None:
         FreeCAD.removeDocumentObserver(self)
         self._clicks.close()
         self._leave_stage()
-        self._dock.close()
 
     # What documents tell an observer.
 

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import FreeCAD
@@ -15,6 +15,7 @@ from HybridVolume import sources
 from HybridVolume.core.goals import Thickness
 from HybridVolume.errors import HybridVolumeError, InputError
 from HybridVolume.job import Job, worker_python
+from HybridVolume.mesh_job import KEYWORDS
 from HybridVolume.objects import thickness as shell
 from HybridVolume.objects.midstructure import METHODS, UP_TO_DATE
 from HybridVolume.objects.volume import inputs_of, options_of, set_status
@@ -22,22 +23,19 @@ from HybridVolume.objects.volume_editor import VolumeEditor
 from HybridVolume.sources import global_shape
 
 from . import messages, preferences, red_places
-from .dock import WideDock
-from .face_factors import FaceFactors, face_names
-from .forms import load_form
+from .density_form import DensityForm
+from .face_table import FACTORS, FaceTable, Widgets, face_names
+from .panel import Panel
 from .runner import Callbacks, Runner
 from .thickness_form import LayersForm, ThicknessForm
 from .thickness_preview import ThicknessPreview
 from .volume_macro import VolumeMacro
 from .work import NO_ENVIRONMENT, environment_setup, is_deleted, waiting
 
-ORDERS = (("Second", "second order"), ("First", "first order"))
-
-WIDTH = 370
-"""Of the dock, in pixels."""
+_MESH = "FemMesh."
 
 
-class TaskPanel:
+class TaskPanel(Panel):
     """Computes the hybrid volume of a body.
 
     Parameters
@@ -55,10 +53,7 @@ class TaskPanel:
     """
 
     def __init__(self, source: Any, volume: Any | None = None) -> None:
-        self.form = load_form("task_panel")
-        self.form.setWindowIcon(
-            QtGui.QIcon(str(preferences.RESOURCES / "icons" / "HybridVolume.svg"))
-        )
+        super().__init__("task_panel", "HybridVolume")
         self.created: list[Any] = []
         self._source = source
         self._volume = volume
@@ -68,7 +63,6 @@ class TaskPanel:
         self._bodies: list[tuple[int, sources.Body]] = []
         self._fingerprint = ""
         self._parameters: dict[str, Any] = {}
-        self._closed = False
         self._filled = False
         solids = _solids(source)
         self._single = volume is not None or len(solids) == 1
@@ -92,14 +86,24 @@ class TaskPanel:
         self._thickness = ThicknessForm(self.form, size, self._preview_update)
         self._layers = LayersForm(self.form, size)
         names = face_names(source, solid) if self._single else {}
-        self._faces = FaceFactors(
-            self.form, source, names, self._preview_update, self._faces_opened
+        form = self.form
+        self._faces = FaceTable(
+            Widgets(
+                *(form.facesToggle, form.facesBox, form.facesHint),
+                *(form.faces, form.addFaces, form.removeFaces),
+            ),
+            FACTORS,
+            source,
+            names,
+            self._preview_update,
+            self._faces_opened,
+        )
+        self._density = DensityForm(
+            form.densityLayout, source, names, size, self._show_summary, self._faces_opened
         )
         self._fill_form(size)
         self._keys = _ReturnKey(self.form)
-        self._dock = WideDock(self.form, WIDTH)
-        # whoever closes the dialog: observers and glass must go
-        self.form.destroyed.connect(lambda *_: self._clean())
+        self._opened()
 
     # What FreeCAD asks a panel.
 
@@ -131,32 +135,14 @@ class TaskPanel:
         self._close()
         return True
 
-    def isAllowedAlterDocument(self) -> bool:
-        """Leave the document usable while the panel is open."""
-        return True
-
-    def isAllowedAlterSelection(self) -> bool:
-        """Leave the selection usable while the panel is open."""
-        return True
-
-    def isAllowedAlterView(self) -> bool:
-        """Leave the view usable while the panel is open."""
-        return True
-
     def _gone(self) -> bool:
         """Whether what the panel is about was deleted, or its document closed."""
         return any(map(is_deleted, filter(None, (self._source, self._volume))))
 
-    def _close(self) -> None:
-        self._clean()
-        FreeCADGui.Control.closeDialog()
-
-    def _clean(self) -> None:
-        if not self._closed:
-            self._closed = True
-            self._preview.close()
-            self._faces.close()
-            self._dock.close()
+    def _put_back(self) -> None:
+        self._preview.close()
+        self._faces.close()
+        self._density.close()
 
     # The panel's own work.
 
@@ -210,7 +196,6 @@ class TaskPanel:
         form.thicknessBox.setTitle(f"Shell thickness of {self._source.Label}")
         methods = METHODS if self._volume else [name for name in METHODS if name != "own"]
         form.method.addItems([method.replace("-", " ") for method in methods])
-        form.order.addItems([text for _, text in ORDERS])
         values = self._editor.parameters()
         if shell.relevant(values) == shell.relevant(shell.DEFAULTS) and not _computed(self._volume):
             values |= {"W0": chosen.w0, "Layers": chosen.layers}
@@ -222,7 +207,7 @@ class TaskPanel:
         self._thickness.show(values)
         self._layers.show(values)
         self._faces.show(shell.face_factors(values["FaceFactors"]))
-        for widget in (form.showInner, form.facesToggle):
+        for widget in (form.showInner, form.facesToggle, self._density.widget.sizesToggle):
             widget.setEnabled(self._single)
             if not self._single:
                 widget.setToolTip(
@@ -235,8 +220,9 @@ class TaskPanel:
             kept = self._volume.Midstructure.Kept
             found = f"{sum(kept)} of {len(kept)} sheets" if kept else "not found yet"
             form.midstructure.setText(f"{found}...")
-        names = [name for name, _ in ORDERS]
-        form.order.setCurrentIndex(names.index(values["FemMesh.Order"]))
+        self._density.show(_of_mesh(values))
+        form.meshToggle.toggled.connect(self._open_mesh)
+        self._open_mesh(False)
         form.midstructure.clicked.connect(self._open_midstructure)
         form.run.clicked.connect(self.run)
         form.cancel.clicked.connect(self.cancel)
@@ -250,8 +236,8 @@ class TaskPanel:
             **self._editor.parameters(),
             **self._thickness.values,
             **self._layers.values,
-            "FaceFactors": shell.factor_texts(self._faces.factors),
-            "FemMesh.Order": ORDERS[self.form.order.currentIndex()][0],
+            "FaceFactors": shell.factor_texts(self._faces.values),
+            **{f"{_MESH}{name}": value for name, value in self._density.values.items()},
         }
         if self._volume is None:
             values["Midstructure.Method"] = METHODS[self.form.method.currentIndex()]
@@ -266,7 +252,7 @@ class TaskPanel:
             return {}
         old, new = keywords_of(before), keywords_of(now)
         if not self._volume.FemMesh:
-            del new["order"]
+            new = {name: value for name, value in new.items() if name not in ("order", *KEYWORDS)}
         return {name: value for name, value in new.items() if old[name] != value}
 
     # The inner boundary.
@@ -294,7 +280,18 @@ class TaskPanel:
 
     def _faces_opened(self) -> None:
         if self._filled:
-            self._preview.show_body(self._faces.open)
+            self._preview.show_body(self._faces.open or self._density.faces.open)
+
+    def _open_mesh(self, on: bool) -> None:
+        form = self.form
+        form.meshToggle.setArrowType(QtCore.Qt.DownArrow if on else QtCore.Qt.RightArrow)
+        form.densityBox.setVisible(on)
+        self._show_summary()
+
+    def _show_summary(self) -> None:
+        form = self.form
+        closed = not form.meshToggle.isChecked()
+        form.meshToggle.setText(f"FEM mesh: {self._density.summary}" if closed else "FEM mesh")
 
     def _preview_changed(self) -> None:
         if not self.running and self._filled:
@@ -458,6 +455,11 @@ class _ReturnKey(QtCore.QObject):
         """Take the keys that nobody in the form took."""
         returns = (QtCore.Qt.Key_Return, QtCore.Qt.Key_Enter)
         return event.type() == QtCore.QEvent.KeyPress and event.key() in returns
+
+
+def _of_mesh(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The mesh object's values among a volume's."""
+    return {k.removeprefix(_MESH): value for k, value in values.items() if k.startswith(_MESH)}
 
 
 def _computed(volume: Any | None) -> bool:

@@ -1,29 +1,106 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""The table of faces at which the shell is thicker or thinner than elsewhere."""
+"""Tables of faces that have a value of their own: of the shell's thickness, of the edge length."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import FreeCADGui
 from PySide import QtCore, QtGui
 
-COLUMNS = ("Face", "Factor")
-FIRST = 1.5
-"""Factor of a face that is new in the table."""
-RANGE = (0.05, 20.0)
 SELECT_FIRST = "First click faces of the body in the 3D view (several with Ctrl), then this button."
 
 
-class FaceFactors:
-    """Lets the user pick faces and give them factors.
+@dataclass(frozen=True)
+class Kind:
+    """What the values of a table are.
+
+    Attributes
+    ----------
+    column : str
+        Head of their column.
+    title : str
+        Of the section.
+    hint : str
+        What to do, where there is nothing else to say.
+    first : float
+        Value of a face that is new in the table.
+    low, high, step : float
+    decimals : int
+    prefix, suffix : str
+    """
+
+    column: str
+    title: str
+    hint: str
+    first: float
+    low: float
+    high: float
+    step: float
+    decimals: int = 2
+    prefix: str = ""
+    suffix: str = ""
+
+
+FACTORS = Kind(
+    column="Factor",
+    title="Faces with another thickness",
+    hint="Click a face in the 3D view, add it here, and give it a factor: "
+    "2 is twice as thick there, 0.5 half as thick.",
+    first=1.5,
+    low=0.05,
+    high=20.0,
+    step=0.25,
+    prefix="× ",
+)
+
+
+def sizes(first: float) -> Kind:
+    """Edge lengths at faces.
 
     Parameters
     ----------
-    form : QWidget
-        The panel.
+    first : float
+        Of a face that is new in the table, mm.
+    """
+    digits = max(2, 2 - math.floor(math.log10(first)))
+    return Kind(
+        column="Edge length",
+        title="Faces with another edge length",
+        hint="Click a face in the 3D view, add it here, and say how long the edges of its "
+        "elements are at most.",
+        first=first,
+        low=10.0**-digits,
+        high=1e6,
+        step=float(f"{0.2 * first:.1g}"),
+        decimals=digits,
+        suffix=" mm",
+    )
+
+
+@dataclass(frozen=True)
+class Widgets:
+    """The widgets of a table's section."""
+
+    toggle: Any
+    box: Any
+    hint: Any
+    table: Any
+    add: Any
+    remove: Any
+
+
+class FaceTable:
+    """Lets the user pick faces and give each a value.
+
+    Parameters
+    ----------
+    widgets : Widgets
+    kind : Kind
     source : App.DocumentObject
         The body.
     names : mapping of str to str
@@ -36,13 +113,14 @@ class FaceFactors:
 
     def __init__(
         self,
-        form: Any,
+        widgets: Widgets,
+        kind: Kind,
         source: Any,
         names: Mapping[str, str],
         changed: Callable[[], None],
         opened: Callable[[], None],
     ) -> None:
-        self._form = form
+        self._widgets, self._kind = widgets, kind
         self._source = source
         self._document = source.Document.Name
         self._names = dict(names)
@@ -50,17 +128,17 @@ class FaceFactors:
         self._changed = changed
         self._opened = opened
         self._marking = False
-        table = form.faces
-        table.setColumnCount(len(COLUMNS))
-        table.setHorizontalHeaderLabels(COLUMNS)
+        table = widgets.table
+        table.setColumnCount(2)
+        table.setHorizontalHeaderLabels(("Face", kind.column))
         table.verticalHeader().hide()
         table.verticalHeader().setDefaultSectionSize(24)
         table.horizontalHeader().setStretchLastSection(True)
         table.horizontalHeader().setHighlightSections(False)
         table.itemSelectionChanged.connect(self._mark_faces)
-        form.facesToggle.toggled.connect(self._open)
-        form.addFaces.clicked.connect(self._add_selected)
-        form.removeFaces.clicked.connect(self._remove)
+        widgets.toggle.toggled.connect(self._open)
+        widgets.add.clicked.connect(self._add_selected)
+        widgets.remove.clicked.connect(self._remove)
         FreeCADGui.Selection.addObserver(self)
         self._title()
         self._open(False)
@@ -72,64 +150,61 @@ class FaceFactors:
     @property
     def open(self) -> bool:
         """Whether the section is open."""
-        return self._form.facesToggle.isChecked()
+        return self._widgets.toggle.isChecked()
 
     @property
-    def factors(self) -> dict[str, float]:
-        """Factor of each face of the table, by its name in the solid."""
-        table = self._form.faces
+    def values(self) -> dict[str, float]:
+        """Value of each face of the table, by its name in the solid."""
+        table = self._widgets.table
         return {
             table.item(row, 0).text(): table.cellWidget(row, 1).value()
             for row in range(table.rowCount())
         }
 
-    def show(self, factors: Mapping[str, float]) -> None:
-        """Show factors of faces."""
-        self._form.faces.setRowCount(0)
-        for face, factor in factors.items():
-            self._add(face, factor)
+    def show(self, values: Mapping[str, float]) -> None:
+        """Show values of faces."""
+        self._widgets.table.setRowCount(0)
+        for face, value in values.items():
+            self._add(face, value)
         self._title()
 
     # The section.
 
     def _open(self, on: bool) -> None:
         arrow = QtCore.Qt.DownArrow if on else QtCore.Qt.RightArrow
-        self._form.facesToggle.setArrowType(arrow)
-        self._form.facesBox.setVisible(on)
+        self._widgets.toggle.setArrowType(arrow)
+        self._widgets.box.setVisible(on)
         self._hint("")
         self._opened()
 
     def _title(self) -> None:
-        count = self._form.faces.rowCount()
-        text = "Faces with another thickness"
-        self._form.facesToggle.setText(f"{text} ({count})" if count else text)
+        count, text = self._widgets.table.rowCount(), self._kind.title
+        self._widgets.toggle.setText(f"{text} ({count})" if count else text)
 
     def _hint(self, text: str) -> None:
-        usual = (
-            "Click a face in the 3D view, add it here, and give it a factor: "
-            "2 is twice as thick there, 0.5 half as thick."
-        )
-        self._form.facesHint.setText(text or usual)
+        self._widgets.hint.setText(text or self._kind.hint)
 
     # The table.
 
-    def _add(self, face: str, factor: float) -> None:
-        table = self._form.faces
+    def _add(self, face: str, value: float) -> None:
+        table, kind = self._widgets.table, self._kind
         row = table.rowCount()
         table.setRowCount(row + 1)
         table.setItem(row, 0, QtGui.QTableWidgetItem(face))
         box = QtGui.QDoubleSpinBox()
-        box.setRange(*RANGE)
-        box.setDecimals(2)
-        box.setSingleStep(0.25)
-        box.setPrefix("× ")
+        # a document may ask for more digits, and for more or less, than the panel offers
+        box.setDecimals(max(kind.decimals, _digits(value)))
+        box.setRange(min(kind.low, value), max(kind.high, value))
+        box.setSingleStep(kind.step)
+        box.setPrefix(kind.prefix)
+        box.setSuffix(kind.suffix)
         box.setFrame(False)
-        box.setValue(factor)
+        box.setValue(value)
         box.valueChanged.connect(lambda *_: self._changed())
         table.setCellWidget(row, 1, box)
 
     def _rows(self) -> list[int]:
-        model = self._form.faces.selectionModel()
+        model = self._widgets.table.selectionModel()
         return sorted({index.row() for index in model.selectedRows()})
 
     def _add_selected(self) -> None:
@@ -139,15 +214,15 @@ class FaceFactors:
             return
         self._hint("")
         for face in faces:
-            if face not in self.factors:
-                self._add(face, FIRST)
+            if face not in self.values:
+                self._add(face, self._kind.first)
         self._title()
         self._select_rows(faces)
         self._changed()
 
     def _remove(self) -> None:
         for row in reversed(self._rows()):
-            self._form.faces.removeRow(row)
+            self._widgets.table.removeRow(row)
         self._title()
         self._changed()
 
@@ -167,10 +242,10 @@ class FaceFactors:
 
     def _mark_faces(self) -> None:
         rows = self._rows()
-        self._form.removeFaces.setEnabled(bool(rows))
+        self._widgets.remove.setEnabled(bool(rows))
         if self._marking:
             return
-        names = [self._form.faces.item(row, 0).text() for row in rows]
+        names = [self._widgets.table.item(row, 0).text() for row in rows]
         self._marking = True
         try:
             FreeCADGui.Selection.clearSelection(self._document)
@@ -183,7 +258,7 @@ class FaceFactors:
             self._marking = False
 
     def _select_rows(self, faces: list[str]) -> None:
-        table = self._form.faces
+        table = self._widgets.table
         self._marking = True
         try:
             model = table.selectionModel()
@@ -219,6 +294,11 @@ class FaceFactors:
     def clearSelection(self, document: str) -> None:
         """Follow."""
         self._follow()
+
+
+def _digits(value: float) -> int:
+    """Decimals that a value needs."""
+    return next((n for n in range(12) if math.isclose(round(value, n), value, rel_tol=1e-9)), 12)
 
 
 def face_names(source: Any, solid: int) -> dict[str, str]:

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""What every panel of the workbench is: a form, a wider dock, and answers to FreeCAD."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import FreeCADGui
+from PySide import QtGui
+
+from . import preferences
+from .dock import WideDock
+from .forms import load_form
+
+
+class Panel:
+    """Base of the task panels, which leave document, selection and view usable.
+
+    Parameters
+    ----------
+    name : str
+        Of the file in resources/ui.
+    icon : str
+        Of the file in resources/icons.
+
+    Attributes
+    ----------
+    form : QWidget
+    """
+
+    WIDTH = 370
+    """Of the dock, pixels."""
+
+    def __init__(self, name: str, icon: str) -> None:
+        self.form = load_form(name)
+        path = preferences.RESOURCES / "icons" / f"{icon}.svg"
+        self.form.setWindowIcon(QtGui.QIcon(str(path)))
+        self._closed = False
+        self._dock: WideDock | None = None
+
+    def _opened(self) -> None:
+        """Call this where nothing can fail any more: from now on closing puts everything back."""
+        self._dock = WideDock(self.form, self.WIDTH)
+        # whoever closes the dialog: observers, gates and what was added to the view must go
+        self.form.destroyed.connect(lambda *_: self._clean())
+
+    # What FreeCAD asks a panel.
+
+    def getStandardButtons(self) -> Any:
+        """Return the buttons beside the panel."""
+        return QtGui.QDialogButtonBox.Close
+
+    def reject(self) -> bool:
+        """Close the panel."""
+        self._close()
+        return True
+
+    def isAllowedAlterDocument(self) -> bool:
+        """Leave the document, and Undo, usable while the panel is open."""
+        return True
+
+    def isAllowedAlterSelection(self) -> bool:
+        """Leave the selection usable while the panel is open."""
+        return True
+
+    def isAllowedAlterView(self) -> bool:
+        """Leave the view usable while the panel is open."""
+        return True
+
+    # Closing.
+
+    def _close(self) -> None:
+        self._clean()
+        FreeCADGui.Control.closeDialog()
+
+    def _clean(self) -> None:
+        if not self._closed:
+            self._closed = True
+            self._put_back()
+            if self._dock is not None:
+                self._dock.close()
+
+    def _put_back(self) -> None:
+        """Take back what the panel did to the window; called once."""
