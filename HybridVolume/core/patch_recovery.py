@@ -24,6 +24,8 @@ _MARGIN = 1.5
 """Points an unknown of a patch's polynomial."""
 _FLATTEST = 1e-3
 """Smallest extent of a patch in a direction over its largest that is scaled away."""
+_ECHO = 0.15
+"""Share of a sample's error that a polynomial gives back at a node, at most, to be trusted there."""
 _SINGULAR = 1e-8
 """Smallest eigenvalue of a patch's equations over the largest."""
 
@@ -185,9 +187,8 @@ def smooth_inside(
         index[of_vertex, column], weight[of_vertex, column] = sample, 1.0
         fit = _Fit(nodes[block], place[index], weight, strain[index], exponents)
         for targets, patches in _targets(block, start, order, middles, ends):
-            good = fit.sound[patches]
-            targets, patches = targets[good], patches[good]
-            values = fit.at(nodes[targets], patches)
+            values, good = fit.at(nodes[targets], patches)
+            targets, values = targets[good], values[good]
             number += np.bincount(targets, minlength=count)
             for component in range(6):
                 summed[:, component] += np.bincount(targets, values[:, component], minlength=count)
@@ -253,6 +254,7 @@ class _Fit:
         inverse = (vectors / np.maximum(size, _SINGULAR * size[:, -1:])[:, None]) @ np.swapaxes(
             vectors, 1, 2
         )
+        self.inverse = inverse
         self.coefficients = inverse @ (np.swapaxes(basis, 1, 2) @ values)
 
     def _basis(self, places: np.ndarray) -> np.ndarray:
@@ -263,7 +265,13 @@ class _Fit:
         ]
         return np.stack(columns, axis=-1)
 
-    def at(self, points: np.ndarray, patches: np.ndarray) -> np.ndarray:
-        """Values of some polynomials at one point each, (m, 6)."""
+    def at(self, points: np.ndarray, patches: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values of some polynomials at one point each, (m, 6), and which of them to trust, (m,).
+
+        Where a point sees its patch from one side, an error of the samples comes back whole.
+        """
         local = np.einsum("mc,mck->mk", points - self.centre[patches], self.axes[patches])
-        return np.einsum("mk,mks->ms", self._basis(local), self.coefficients[patches])
+        basis = self._basis(local)
+        echo = np.einsum("mk,mkl,ml->m", basis, self.inverse[patches], basis)
+        values = np.einsum("mk,mks->ms", basis, self.coefficients[patches])
+        return values, self.sound[patches] & (echo < _ECHO)
