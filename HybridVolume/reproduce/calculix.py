@@ -132,7 +132,8 @@ def solve(
     elements = [(kind, np.asarray(c, dtype=np.int64)) for kind, c in elements if len(c)]
     _check(nodes, elements, prescribed, forces)
     if not equations:
-        _check_support(nodes, elements, prescribed)
+        used = np.unique(np.concatenate([connectivity.ravel() for _, connectivity in elements]))
+        check_support(nodes[used], prescribed[used])
     loads = element_loads(elements, pressures)
     with ExitStack() as stack:
         if folder is None:
@@ -181,11 +182,22 @@ def _check(
         raise InputError("coordinates or forces are not finite numbers")
 
 
-def _check_support(nodes: np.ndarray, elements: Elements, prescribed: np.ndarray) -> None:
-    """Refuse a body that is free to move: CalculiX answers with numbers all the same."""
-    used = np.unique(np.concatenate([connectivity.ravel() for _, connectivity in elements]))
-    node, axis = np.nonzero(~np.isnan(prescribed[used]))
-    x = nodes[used] - nodes[used].mean(axis=0)
+def check_support(nodes: np.ndarray, prescribed: np.ndarray) -> None:
+    """Refuse a body that is free to move: CalculiX answers with numbers all the same.
+
+    Parameters
+    ----------
+    nodes : (n, 3) array
+        mm.
+    prescribed : (n, 3) array
+        As of `solve`.
+
+    Raises
+    ------
+    InputError
+    """
+    node, axis = np.nonzero(~np.isnan(prescribed))
+    x = nodes - nodes.mean(axis=0)
     x = x[node] / np.abs(x).max()
     # what each rigid motion does at the components that are held
     moves = np.eye(3)[axis]

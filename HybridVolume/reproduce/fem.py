@@ -19,6 +19,7 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -93,18 +94,26 @@ class Case:
 
     def key(self) -> str:
         """What the figures depend on."""
-        package = Path(__file__).resolve().parents[1]
-        digest = hashlib.sha256(repr((VERSION, self.name, sorted(self.task.items()))).encode())
-        files = {path for pattern in _SOURCES[self.part] for path in package.glob(pattern)}
-        for path in sorted(files):
-            if path.name not in _OTHERS.get(self.part, ()):
-                digest.update(path.read_bytes())
+        words = repr((VERSION, _program(self.part), self.name, sorted(self.task.items())))
+        digest = hashlib.sha256(words.encode())
         for face in self.faces:
             for array in (face.control_points, face.weights, *face.knots):
                 digest.update(array.tobytes())
         if self.after is not None:
             digest.update(self.after.key().encode())
         return digest.hexdigest()[:16]
+
+
+@cache
+def _program(part: str) -> str:
+    """What the numbers of a part are made by, as it was when this program started."""
+    package = Path(__file__).resolve().parents[1]
+    digest = hashlib.sha256()
+    files = {path for pattern in _SOURCES[part] for path in package.glob(pattern)}
+    for path in sorted(files):
+        if path.name not in _OTHERS.get(part, ()):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

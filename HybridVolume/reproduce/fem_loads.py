@@ -13,7 +13,7 @@ import re
 import shutil
 import subprocess
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,13 +21,12 @@ import numpy as np
 
 from HybridVolume.core.elements import quadrature, shape_gradients
 from HybridVolume.errors import FaultError, SetupError, WorkerError
-from HybridVolume.exports.inp import Material, nodal_forces, support, write_inp
+from HybridVolume.exports.inp import Material, nodal_forces, write_inp
 from HybridVolume.freecad_python import import_freecad
 
-from .calculix import frd_block
+from .calculix import check_support, frd_block
 
 if TYPE_CHECKING:
-    from HybridVolume.core.finite_elements import FiniteElementMesh
     from HybridVolume.core.hybrid import HybridVolume
     from HybridVolume.core.surface import PatchSurface
 
@@ -218,10 +217,10 @@ class _Bench:
     def supports(self, face: str) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
         """Two statically determinate supports without a common node, off a face."""
         fem = self.fem
-        free = ~np.isin(fem.boundary, fem.face_nodes(face)).any(axis=1)
-        first = support(_with_boundary(fem, free))
-        free &= ~np.isin(fem.boundary, [node for node, _ in first]).any(axis=1)
-        return first, support(_with_boundary(fem, free))
+        corners = np.unique(fem.boundary[:, :3])
+        first = determinate(fem.nodes, np.setdiff1d(corners, fem.face_nodes(face)))
+        second = np.setdiff1d(corners, [node for node, _ in first])
+        return first, determinate(fem.nodes, second)
 
     def nodal_forces(self, deck: str, held: Sequence[tuple[int, int]], name: str) -> np.ndarray:
         """Force from outside at every node as CalculiX computes it from a deck, (n, 3), N.
@@ -250,10 +249,29 @@ class _Bench:
         return found
 
 
-def _with_boundary(fem: FiniteElementMesh, kept: np.ndarray) -> FiniteElementMesh:
-    """A mesh that has a part of its boundary triangles only."""
-    names = ("boundary", "boundary_face", "boundary_wedge")
-    return replace(fem, **{name: getattr(fem, name)[kept] for name in names})
+def determinate(nodes: np.ndarray, candidates: np.ndarray) -> list[tuple[int, int]]:
+    """Six (node, axis) pairs that hold a body without strain, at three nodes far apart.
+
+    Raises
+    ------
+    InputError
+        The candidates stand in a line.
+    """
+    x = nodes[candidates]
+    first = int(np.argmax(np.linalg.norm(x - x.mean(axis=0), axis=1)))
+    along = x - x[first]
+    second = int(np.argmax(np.linalg.norm(along, axis=1)))
+    across = np.cross(along[second], along)
+    third = int(np.argmax(np.linalg.norm(across, axis=1)))
+    main = int(np.argmax(np.abs(along[second])))
+    pairs = [(first, axis) for axis in range(3)]
+    pairs += [(second, axis) for axis in range(3) if axis != main]
+    pairs.append((third, int(np.argmax(np.abs(across[third])))))
+    found = [(int(candidates[node]), axis) for node, axis in pairs]
+    prescribed = np.full_like(nodes, np.nan)
+    prescribed[tuple(np.array(found).T)] = 0.0
+    check_support(nodes, prescribed)
+    return found
 
 
 def blocks(deck: str) -> list[tuple[str, list[str]]]:
