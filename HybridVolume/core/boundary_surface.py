@@ -40,7 +40,7 @@ class Boundary:
     face : (nt,) int array or None
         Number of the CAD face of each, or all are one.
     normals : (nt, 6, 3) or (nt, 3, 3) array or None
-        Exact unit normals at the nodes, outward; else those of the triangles are averaged.
+        Exact unit normals at the nodes, outward; where they are nan, those of the triangles serve.
     others : (m,) int array
         Nodes that boundary faces touch which are no triangles.
     pressure : (nt,) array or None
@@ -111,19 +111,27 @@ class BoundarySurface:
         self.points, self.point_node = self._split(normals, boundary.face)
         self.point_face, self.faces = self._components()
         self.position = nodes[self.point_node]
-        given = normals if boundary.normals is None else boundary.normals
-        self.normal = _unit(self._mean(given))
+        self.normal = _unit(self._mean(normals))
         self._even = self._bends(normals)
         given = np.full(self.points.shape, np.nan)
         if boundary.pressure is not None:
             given[:] = np.asarray(boundary.pressure)[:, None]
         self.pressure = self._mean(given[..., None])[:, 0]
-        if boundary.normals is None and self.kind == "tri6":
+        if self.kind == "tri6":
             slope, sound = self._slopes(self.position, 2)
             height = np.einsum("pck,pc->pk", slope, self.normal)
             tilted = self.normal - np.einsum("pk,pkc->pc", height, self.frame[:, :2])
-            self.normal = np.where(sound[:, None], _unit(tilted), self.normal)
-            del self.frame
+            self._turn(np.where(sound[:, None], _unit(tilted), self.normal))
+        if boundary.normals is not None:
+            known = np.isfinite(boundary.normals).all(axis=2, keepdims=True)
+            share = self._mean(known.astype(float))
+            exact = _unit(self._mean(np.where(known, boundary.normals, 0.0)))
+            self._turn(np.where(share > 0.0, exact, self.normal))
+
+    def _turn(self, normal: np.ndarray) -> None:
+        """Take better normals."""
+        self.normal = normal
+        self.__dict__.pop("frame", None)
 
     def _split(self, normals: np.ndarray, face: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Points of the triangles: corners of triangles that meet smoothly are one."""
@@ -196,6 +204,27 @@ class BoundarySurface:
         columns = np.tile(self.points, (1, width)).ravel()
         shape = (len(self._nodes), len(self.point_node))
         return sp.csr_matrix((local.ravel(), (rows, columns)), shape)
+
+    @cached_property
+    def pressure_forces(self) -> tuple[np.ndarray, np.ndarray]:
+        """Nodal forces of a traction of 1 MPa along the normal, and of one that grows with x, y, z.
+
+        They are integrated over the triangles as a solver does, whatever the exact normals are.
+
+        Returns
+        -------
+        (n, 3) array, mm², and (n, 3, 3) array, mm³: axis of the position, component.
+        """
+        points, weights = quadrature("tri", 4)
+        values, slopes = shape_functions(self.kind, points), shape_gradients(self.kind, points)
+        corners = self._nodes[self.triangles]
+        tangents = np.einsum("tnc,qnd->tqcd", corners, slopes)
+        normal = np.cross(tangents[..., 0], tangents[..., 1]) * weights[:, None]
+        place = np.einsum("qn,tnc->tqc", values, corners)
+        even, linear = np.zeros((len(self._nodes), 3)), np.zeros((len(self._nodes), 3, 3))
+        np.add.at(even, self.triangles, np.einsum("qn,tqc->tnc", values, normal))
+        np.add.at(linear, self.triangles, np.einsum("qn,tqa,tqc->tnac", values, place, normal))
+        return even, linear
 
     @cached_property
     def node_area(self) -> np.ndarray:

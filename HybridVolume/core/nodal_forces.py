@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
 
 from .boundary_surface import BoundarySurface
 from .elements import gauss_line, jacobians, quadrature, shape_functions, shape_gradients
@@ -199,9 +198,8 @@ def face_loads(
         area = surface.node_area[inner]
         unsure = np.sqrt(np.mean(noise[inner] ** 2 / area) / np.mean(area)) if len(inner) else 0.0
         if len(inner) and unsure < _NEAR * level[face]:
-            own = surface.mass[inner][:, points]
-            measure = _Measure(own, force[inner], area, unsure, level[face])
-            kind, value = measure.simplest(surface.position[points], normal)
+            measure = _Measure(force[inner], area, unsure, level[face])
+            kind, value = measure.simplest(_models(surface, points, inner))
             if value is None and np.ptp(normal, axis=0).max() < _FLAT:
                 across = force[inner] - (force[inner] @ normal[0])[:, None] * normal[0]
                 if measure.left(across / np.sqrt(area)[:, None]) <= _EXACT:
@@ -216,10 +214,8 @@ def face_loads(
 class _Measure:
     """How well tractions explain the forces on the nodes inside one face."""
 
-    def __init__(
-        self, own: sp.csr_matrix, force: np.ndarray, area: np.ndarray, unsure: float, level: float
-    ) -> None:
-        self.own, self.root = own, np.sqrt(area)[:, None]
+    def __init__(self, force: np.ndarray, area: np.ndarray, unsure: float, level: float) -> None:
+        self.root = np.sqrt(area)[:, None]
         self.wanted = force / self.root
         self.unsure, self.level = unsure, max(level, np.finfo(float).tiny)
 
@@ -231,18 +227,19 @@ class _Measure:
         mean = np.sqrt(np.mean(np.sum(rest**2, axis=1)) / np.mean(self.root**2))
         return max(0.0, mean - 2.0 * self.unsure) / self.level
 
-    def simplest(self, position: np.ndarray, normal: np.ndarray) -> tuple[str, np.ndarray | None]:
+    def simplest(
+        self, models: Iterator[tuple[str, np.ndarray, np.ndarray]]
+    ) -> tuple[str, np.ndarray | None]:
         """Kind and tractions (np, 3) of the simplest load that fits; None if none does."""
         best: tuple[float, str, np.ndarray] | None = None
         equations = 3 * len(self.wanted)
-        for kind, basis in _models(position, normal):
+        for kind, basis, forces in models:
             unknowns = basis.shape[1]
             if unknowns and equations < _MARGIN * unknowns + 3:
                 continue
-            rest, value = self.wanted, np.zeros((len(position), 3))
+            rest, value = self.wanted, np.zeros((len(basis), 3))
             if unknowns:
-                act = (self.own @ basis.reshape(len(position), -1)).reshape(-1, unknowns, 3)
-                act = (act / self.root[..., None]).transpose(0, 2, 1).reshape(-1, unknowns)
+                act = (forces / self.root[..., None]).transpose(0, 2, 1).reshape(-1, unknowns)
                 found = np.linalg.lstsq(act, self.wanted.ravel(), rcond=1e-8)[0]
                 rest = self.wanted - (act @ found).reshape(-1, 3)
                 value = np.einsum("pkc,k->pc", basis, found)
@@ -256,16 +253,36 @@ class _Measure:
         return best[1:]
 
 
-def _models(position: np.ndarray, normal: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
-    """Simple tractions, (np, k, 3) for k unknowns each, the simplest first."""
-    count = len(position)
-    yield "free", np.zeros((count, 0, 3))
-    pressure = normal[:, None, :]
-    yield "pressure", pressure
+def _models(
+    surface: BoundarySurface, points: np.ndarray, inner: np.ndarray
+) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+    """Simple tractions on a face, the simplest first.
+
+    Yields
+    ------
+    kind : str
+    tractions : (np, k, 3) array
+        At the face's points, of k unknowns.
+    forces : (ni, k, 3) array
+        On the nodes inside, of the same.
+    """
+    count = len(points)
+    yield "free", np.zeros((count, 0, 3)), np.zeros((len(inner), 0, 3))
+    normal = surface.normal[points][:, None, :]
+    even, linear = (forces[inner] for forces in surface.pressure_forces)
+    even = even[:, None, :]
+    yield "pressure", normal, even
+    # a solver presses on the triangles; who gives exact tractions presses along exact normals
+    own = surface.mass[inner][:, points]
+    yield "pressure", normal, (own @ normal[:, 0])[:, None, :]
     axes = np.broadcast_to(np.eye(3), (count, 3, 3))
-    yield "force", axes
-    yield "mixed", np.concatenate([pressure, axes], axis=1)
-    place = position - position.mean(axis=0)
-    place = place / max(np.abs(place).max(), 1e-300)
-    liquid = place[:, :, None] * normal[:, None, :]
-    yield "linear", np.concatenate([pressure, liquid, axes], axis=1)
+    whole = np.asarray(surface.mass[inner].sum(axis=1)).ravel()
+    shares = whole[:, None, None] * np.eye(3)
+    yield "force", axes, shares
+    basis, forces = np.concatenate([normal, axes], axis=1), np.concatenate([even, shares], axis=1)
+    yield "mixed", basis, forces
+    place = surface.position[points]
+    middle, size = place.mean(axis=0), max(np.ptp(place, axis=0).max(), np.finfo(float).tiny)
+    liquid = ((place - middle) / size)[:, :, None] * normal
+    forces = np.concatenate([(linear - middle[:, None] * even) / size, forces], axis=1)
+    yield "linear", np.concatenate([liquid, basis], axis=1), forces
