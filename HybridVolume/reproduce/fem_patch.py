@@ -10,7 +10,7 @@ gaps, wrong nodes and wrong elements, and also where CalculiX does not integrate
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +29,8 @@ from .fem_mesh import Meshed
 if TYPE_CHECKING:
     from HybridVolume.core.hybrid import HybridVolume
 
+Bound = tuple[Meshed, Sequence[Sequence[tuple[int, int, float]]]]
+"""A mesh and the equations that bind its nodes."""
 MATERIAL = Material(210_000.0, 0.3)
 SIZE_OF_STRAIN = 1e-3
 LARGEST = 50_000
@@ -56,10 +58,12 @@ def make(volume: HybridVolume, progress: Callable[[float, str], None]) -> dict[s
     curved = Meshed.of(fem)
     rows = []
 
-    def add(share: float, name: str, mesh: Callable[[], Meshed]) -> None:
+    def add(share: float, name: str, mesh: Callable[[], Meshed | Bound]) -> None:
         progress(share, name)
         try:
-            rows.append(patch_row(name, mesh()))
+            made = mesh()
+            meshed, equations = (made, ()) if isinstance(made, Meshed) else made
+            rows.append(patch_row(name, meshed, equations))
         except HybridVolumeError as error:
             rows.append({"mesh": name, "error": error.line})
 
@@ -69,6 +73,7 @@ def make(volume: HybridVolume, progress: Callable[[float, str], None]) -> dict[s
     if 8 * len(fem.nodes) <= 2 * LARGEST:
         finer = Density(subdivide=2 * max(fem.density.subdivide, 1))
         add(0.5, "curved, cells in two", lambda: Meshed.of(remesh(volume, finer).fem))
+    add(0.7, "hexahedra, curved", lambda: _hexahedra(volume))
     add(0.8, "Netgen, curved", lambda: _netgen(volume))
     return {
         "nodes": len(fem.nodes),
@@ -92,8 +97,38 @@ def _netgen(volume: HybridVolume) -> Meshed:
     return tet10_mesh(volume.surface, Sizes(size), mesher="netgen")
 
 
-def patch_row(name: str, mesh: Meshed) -> dict[str, Any]:
+def _hexahedra(volume: HybridVolume) -> Bound:
+    """The shell of 20-node hexahedra, bound to the tets by equations."""
+    from HybridVolume.core.hexahedra import hexahedral_mesh
+
+    made = hexahedral_mesh(volume.fem, volume.interface)
+    faces = {"quads": ("quad8", made.quads), "triangles": ("tri6", made.triangles)}
+    meshed = Meshed(
+        made.nodes,
+        tuple((kind, rows) for kind, rows in made.elements if len(rows)),
+        {name: group for name, group in faces.items() if len(group[1])},
+        "hexahedra",
+    )
+    bound = [
+        [(centre, axis, 1.0), *((node, axis, -part) for node, part in zip(*row, strict=True))]
+        for centre, *row in zip(
+            made.centres.tolist(), made.followed.tolist(), made.shares.tolist(), strict=True
+        )
+        for axis in range(3)
+    ]
+    return meshed, bound
+
+
+def patch_row(
+    name: str, mesh: Meshed, equations: Sequence[Sequence[tuple[int, int, float]]] = ()
+) -> dict[str, Any]:
     """Solve one patch test.
+
+    Parameters
+    ----------
+    name : str
+    mesh : Meshed
+    equations : as of `HybridVolume.reproduce.calculix.solve`
 
     Returns
     -------
@@ -115,7 +150,7 @@ def patch_row(name: str, mesh: Meshed) -> dict[str, Any]:
     outside = mesh.face_nodes(*mesh.faces)
     prescribed = np.full_like(exact, np.nan)
     prescribed[outside] = exact[outside]
-    found = solve(mesh.nodes, mesh.elements, MATERIAL, prescribed)
+    found = solve(mesh.nodes, mesh.elements, MATERIAL, prescribed, equations=equations)
     stress = stress_of(gradient)
     apart = {
         kind: size_of(values - stress) / size_of(stress)

@@ -35,7 +35,8 @@ points, over its own size (Frobenius): the largest deviation, and in brackets th
   six nodes and tets of four;
 - *curved*: the mesh as it is delivered, mid nodes on the exact surfaces; *cells in two*: the same
   shell with every cell cut in two both ways;
-- *Netgen*: curved tets of the same body with about as many nodes.
+- *hexahedra*: the shell of 20-node hexahedra, bound to the tets by equations (`--elements hex20`);
+- *Netgen*: curved tets of the same body, about as coarse.
 
 """
 
@@ -179,7 +180,7 @@ def _patch(cases: Sequence[Case]) -> str:
             case["case"] if n == 0 else "",
             row["mesh"],
             str(row.get("nodes", "")),
-            ", ".join(f"{count} {kind}" for kind, count in row.get("elements", {}).items()),
+            _elements(row),
             row.get("error") or f"{row['max']:.1e} ({row['rms']:.1e})",
         )
         for case in made
@@ -197,6 +198,13 @@ def _patch(cases: Sequence[Case]) -> str:
     text += "\n" + RULE_WORDS
     text += table(("body", "exactly", "with CalculiX's points"), rules) if rules else ""
     return text + _errors(cases)
+
+
+def _elements(row: Row) -> str:
+    words = [f"{count} {kind}" for kind, count in row.get("elements", {}).items()]
+    if row.get("unproved"):
+        words.append(f"{row['unproved']} of them not proved valid")
+    return ", ".join(words)
 
 
 def _loads(cases: Sequence[Case]) -> str:
