@@ -15,9 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import bspline
+from .merged_quads import merged_faces
 from .polygons import PolygonMesh
-from .quad_layout import quad_layout
 from .subdivision import Corners, limit_points, subdivide
 from .surface import SplineFace
 
@@ -25,8 +24,6 @@ STEPS = 1
 """Subdivisions before the patches are made."""
 STILL_SHARP = 0.5
 """Sharpness that is left after them from which on an edge is taken as sharp for good."""
-EXACT = 1e-11
-"""Share of the diagonal by which a patch with fewer knots may miss its quads."""
 _DEEP = 2
 
 
@@ -66,21 +63,25 @@ def catmull_clark(mesh: PolygonMesh, steps: int = STEPS) -> CatmullClark:
         steps = max(steps, 1)
     cage = subdivide(mesh, steps)
     nets, sharp = bezier_nets(cage)
+    quads = cage.quads
+    sides = np.column_stack([quads.ravel(), np.roll(quads, -1, axis=1).ravel()])[sharp]
     return CatmullClark(
-        tuple(_merged(cage, nets, sharp)),
+        tuple(merged_faces(quads, nets, sides, cage.diagonal)),
         len(cage),
         _distance(cage, nets),
         _normal_jump(cage, nets, sharp),
     )
 
 
-def bezier_nets(cage: PolygonMesh) -> tuple[np.ndarray, np.ndarray]:
+def bezier_nets(cage: PolygonMesh, *, creases: bool = True) -> tuple[np.ndarray, np.ndarray]:
     """Bicubic Bézier control points of each quad.
 
     Parameters
     ----------
     cage : PolygonMesh
         Of quads.
+    creases : bool
+        Obey them; else all is smooth.
 
     Returns
     -------
@@ -90,7 +91,7 @@ def bezier_nets(cage: PolygonMesh) -> tuple[np.ndarray, np.ndarray]:
         Whether the side after each corner is sharp.
     """
     x, quads, topology = cage.vertices, cage.quads, Corners.of(cage)
-    on_edge = topology.sharpness >= STILL_SHARP
+    on_edge = (topology.sharpness >= STILL_SHARP) & creases
     sharp = on_edge[topology.edge]
     count = topology.sum_over_edges(on_edge.astype(float))
     corner = np.arange(quads.size)
@@ -163,64 +164,6 @@ def _corner_points(
     crease = (4.0 * x + topology.sum_of_neighbours(x, on_edge)) / 6.0
     places = np.where((count == 2)[:, None], crease, places)
     return np.where((count > 2)[:, None], x, places)
-
-
-def _merged(cage: PolygonMesh, nets: np.ndarray, sharp: np.ndarray) -> list[SplineFace]:
-    """One B-spline patch for each patch of the layout."""
-    quads = cage.quads
-    sides = np.column_stack([quads.ravel(), np.roll(quads, -1, axis=1).ravel()])[sharp]
-    layout = quad_layout(quads, sides)
-    # nets with u and v of the patch: turned by the first corner
-    turned = np.empty_like(nets)
-    for first in range(4):
-        which = layout.first == first
-        turned[which] = np.rot90(nets[which], -first, axes=(1, 2))
-    order = np.lexsort((layout.cell[:, 1], layout.cell[:, 0], layout.patch))
-    starts = np.concatenate([[0], np.cumsum(np.bincount(layout.patch))])
-    faces = []
-    for k, grid in enumerate(layout.grids):
-        m, n = grid.shape[0] - 1, grid.shape[1] - 1
-        pieces = turned[order[starts[k] : starts[k + 1]]].reshape(m, n, 4, 4, 3)
-        points = np.empty((3 * m + 1, 3 * n + 1, 3))
-        for i in range(m):
-            for j in range(n):
-                points[3 * i : 3 * i + 4, 3 * j : 3 * j + 4] = pieces[i, j]
-        knots_u, points = _simpler(points, m, cage.diagonal)
-        knots_v, points = _simpler(points.transpose(1, 0, 2), n, cage.diagonal)
-        points = points.transpose(1, 0, 2)
-        faces.append(
-            SplineFace(
-                name=f"Face{k + 1}",
-                degrees=(3, 3),
-                knots=(knots_u, knots_v),
-                control_points=np.ascontiguousarray(points),
-                weights=np.ones(points.shape[:2]),
-            )
-        )
-    return faces
-
-
-def _simpler(points: np.ndarray, spans: int, size: float) -> tuple[np.ndarray, np.ndarray]:
-    """Knots and control points along the first axis, simple knots where that changes nothing."""
-    inner = np.arange(1, spans)
-    left, right = points[3 * inner - 2], points[3 * inner + 2]
-    a, b, middle = points[3 * inner - 1], points[3 * inner + 1], points[3 * inner]
-    off = np.maximum(np.abs(a + b - 2.0 * middle), np.abs(left - 2.0 * a - right + 2.0 * b))
-    plain = off.max(axis=(1, 2), initial=0.0) <= EXACT * size
-    full = np.concatenate([[0.0], np.repeat(np.arange(spans + 1.0), 3), [float(spans)]])
-    if not plain.any():
-        return full, points
-    knots = np.concatenate(
-        [np.zeros(4), np.repeat(inner, np.where(plain, 1, 3)).astype(float), np.full(4, spans)]
-    )
-    # the control points that give these ones by knot insertion
-    raised = bspline.insertion_matrix(3, knots, full)
-    flat = points.reshape(len(points), -1)
-    found, *_ = np.linalg.lstsq(raised, flat, rcond=None)
-    found[0], found[-1] = flat[0], flat[-1]
-    if np.abs(raised @ found - flat).max() > 10.0 * EXACT * size:
-        return full, points
-    return knots, found.reshape(-1, *points.shape[1:])
 
 
 def _bernstein(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
