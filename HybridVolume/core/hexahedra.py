@@ -3,19 +3,18 @@
 """The same shell as 20-node hexahedra on the core's tets, joined by equations.
 
 The two wedges over a cell of the interface, layer by layer, become one hexahedron. Its bottom side
-has eight nodes where the core's two triangles have nine: the node in the middle of the diagonal. It
-is placed at the middle of the hexahedron's side and follows it, u = -1/4 (corners) + 1/2 (mid
-nodes) of that side. Only with these equations does a constant stress pass from one part to the
-other; elements that only share the nodes miss it by their own size.
+has eight nodes where the core's two triangles have nine: the node in the middle of the diagonal.
+That one follows the eight others, by shares that let every constant stress pass from one part to
+the other (`side_equations`); elements that only share the nodes miss it by their own size.
 
-Edges of hexahedra at the interface are straight where that is valid: then the two triangles have
-exactly the hexahedron's surface. Where it is not, they are half or as much curved as the wedges',
-and a narrow gap or overlap is left, of third order in the size of the elements. A column whose
-hexahedra, or the elements beside them, are not proved valid in any way stays wedges: above all
-where one tet has both triangles of a cell, which is flat once these are one smooth side.
+Edges of hexahedra at the interface are straight where that is valid, else half or as much curved as
+the wedges'. A column whose hexahedra, or the elements beside them, are not proved valid in any way
+stays wedges: above all where one tet has both triangles of a cell, which is flat once these are
+nearly one smooth side.
 
-Fewer nodes than with wedges, but equations that few programs besides CalculiX and Abaqus take:
-hence the finite element mesh itself is made of wedges.
+Fewer nodes than with wedges, and CalculiX integrates curved hexahedra with enough points, as it
+does not with wedges; but equations are taken by few programs besides CalculiX and Abaqus, and the
+FEM workbench has none: hence the finite element mesh itself is made of wedges.
 """
 
 from __future__ import annotations
@@ -36,6 +35,7 @@ from .elements import (
 )
 from .finite_elements import FiniteElementMesh
 from .interior import Interface
+from .side_equations import consistent_middles
 from .validity import certify
 from .validity import scaled_jacobian as bezier_scaled_jacobian
 
@@ -43,9 +43,6 @@ logger = logging.getLogger(__name__)
 
 _BOTTOM, _TOP = [0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15]
 """Places of the nodes of two sides in a hexahedron, both seen from outside the body."""
-
-CENTRE = np.array([-0.25] * 4 + [0.5] * 4)
-"""Shape functions of an eight-node quadrilateral at its middle: corners, then mid nodes."""
 
 _KEPT_QUALITY = 0.5
 """Share of their scaled Jacobian that tets and wedges beside hexahedra keep at least, and that the
@@ -80,15 +77,14 @@ class HexahedralMesh:
     centres : (e,) int array
         Nodes in the middle of the hexahedra's sides at the interface, which only the tets have.
     followed : (e, 8) int array
-        Nodes that each follows, with the shares :data:`CENTRE`.
+        Corners and mid nodes that each follows.
+    shares : (e, 8) array
+        By how much; they add up to 1.
     interface : (ni, 6) int array
         Triangles of the core's boundary, oriented out of the core.
     face_names : tuple of str
     hex_quality, wedge_quality, tet_quality : arrays
         Smallest scaled Jacobian of each element.
-    gap : float
-        Volume that hexahedra and tets have too much at the interface, mm³; negative where less.
-        Zero where all edges there are straight.
     """
 
     nodes: np.ndarray
@@ -107,12 +103,12 @@ class HexahedralMesh:
     triangle_wedge: np.ndarray
     centres: np.ndarray
     followed: np.ndarray
+    shares: np.ndarray
     interface: np.ndarray
     face_names: tuple[str, ...]
     hex_quality: np.ndarray
     wedge_quality: np.ndarray
     tet_quality: np.ndarray
-    gap: float = 0.0
 
     @property
     def elements(self) -> list[tuple[str, np.ndarray]]:
@@ -150,7 +146,6 @@ class HexahedralMesh:
             "equations": 3 * len(self.centres),
             "min_scaled_jacobian": self.min_scaled_jacobian,
             "volume": self.volume,
-            "gap_volume": self.gap,
         }
 
 
@@ -226,7 +221,7 @@ def hexahedral_mesh(mesh: FiniteElementMesh, interface: Interface) -> Hexahedral
     builder = _Builder(mesh, interface)
     builder.choose()
     found = builder.result()
-    volume, enclosed = found.volume - found.gap, found.boundary_volume
+    volume, enclosed = found.volume, found.boundary_volume
     if abs(volume - enclosed) > 1e-10 * abs(enclosed):
         raise FaultError(
             f"hexahedra, wedges and tets have {volume:.12g} mm³, their boundary encloses"
@@ -258,6 +253,8 @@ class _Builder:
         self.diagonals = np.concatenate([bottoms, tops[-1:]])
         self.level = np.zeros(len(self.first), dtype=int)
         self.nodes = mesh.nodes
+        self.shares = np.zeros((0, 8))
+        self.placed = np.zeros(0, dtype=bool)
 
     @property
     def taken(self) -> np.ndarray:
@@ -277,14 +274,14 @@ class _Builder:
             elements = [bezier_hexahedra(self.nodes[rows])]
             good = certify(elements).status > 0
             good &= bezier_scaled_jacobian(elements) >= least[:, chosen].ravel()
-            bad = ~good.reshape(-1, len(chosen)).all(axis=0)
+            bad = ~good.reshape(-1, len(chosen)).all(axis=0) | ~self.placed
             # what they moved: the middle of the bottom, and its mid nodes
             bad |= lost[self.hexes[0, chosen, 8:12]].any(axis=1)
             bad |= lost[self.diagonals[0, chosen]]
             if not bad.any():
                 return
             self.level[chosen[bad]] += 1
-        self.nodes = mesh.nodes
+        self._place()
 
     def _lost(self) -> np.ndarray:
         """Moved nodes to blame for a tet or wedge that is not proved, or poor, (n,) bool.
@@ -322,9 +319,10 @@ class _Builder:
         ends = np.stack([bottom[:, :4], np.roll(bottom[:, :4], -1, axis=1)], axis=2)
         mix = share[mids][..., None]
         self.nodes[mids] = mix * given[mids] + (1.0 - mix) * given[ends].mean(axis=2)
-        self.nodes[self.diagonals[0, self.taken]] = np.einsum(
-            "k,ekc->ec", CENTRE, self.nodes[bottom[:, _BOTTOM]]
-        )
+        self.shares, middles, self.placed = consistent_middles(self.nodes[bottom[:, _BOTTOM]])
+        # where no place is found the column is given up for another reason than its elements
+        there = self.diagonals[0, self.taken][self.placed]
+        self.nodes[there] = middles[self.placed]
 
     def _staying(self) -> np.ndarray:
         """Which wedges of the mesh stay wedges, (m,) bool."""
@@ -376,6 +374,7 @@ class _Builder:
         return HexahedralMesh(
             nodes=nodes,
             **blocks,
+            shares=self.shares,
             hex_patch=mesh.wedge_patch[owner],
             hex_layer=np.repeat(np.arange(layers), len(chosen)),
             wedge_patch=mesh.wedge_patch[staying],
@@ -388,16 +387,7 @@ class _Builder:
             hex_quality=quality,
             wedge_quality=scaled_jacobian("penta15", nodes[blocks["wedges"]]),
             tet_quality=scaled_jacobian("tet10", nodes[blocks["tets"]]),
-            gap=self._gap(),
         )
-
-    def _gap(self) -> float:
-        """Volume between the core's triangles and the hexahedra's sides, mm³."""
-        bottom = self.hexes[0, self.taken][:, _BOTTOM]
-        pairs = self.mesh.interface[np.stack([self.first, self.second], axis=1)[self.taken]]
-        origin = self.nodes[bottom[:, :1]]
-        core = swept_volumes("tri6", (self.nodes[pairs] - origin[:, None]).reshape(-1, 6, 3))
-        return float(core.sum() - swept_volumes("quad8", self.nodes[bottom] - origin).sum())
 
 
 def _columns(mesh: FiniteElementMesh) -> np.ndarray:

@@ -27,7 +27,7 @@ from HybridVolume.core.elements import (
     shape_functions,
     shape_gradients,
 )
-from HybridVolume.core.hexahedra import CENTRE, HexahedralMesh
+from HybridVolume.core.hexahedra import HexahedralMesh
 from HybridVolume.errors import InputError
 
 from .blocks import CORE, INTERFACE, SHELL, interface_wedges, plain_names
@@ -75,7 +75,7 @@ class Deck:
         Elements of the shell at the interface.
     interface : (m,) int array
         Nodes there.
-    centres, followed : (e,), (e, 8) int arrays
+    centres, followed, shares : (e,), (e, 8), (e, 8) arrays
         As of `HexahedralMesh`.
     """
 
@@ -86,6 +86,7 @@ class Deck:
     interface: np.ndarray
     centres: np.ndarray
     followed: np.ndarray
+    shares: np.ndarray
 
 
 def deck_of(mesh: FiniteElementMesh | HexahedralMesh) -> Deck:
@@ -107,6 +108,7 @@ def deck_of(mesh: FiniteElementMesh | HexahedralMesh) -> Deck:
         interface=np.unique(mesh.interface),
         centres=np.zeros(0, dtype=int),
         followed=np.zeros((0, 8), dtype=int),
+        shares=np.zeros((0, 8)),
     )
 
 
@@ -132,6 +134,7 @@ def _hexahedral_deck(mesh: HexahedralMesh) -> Deck:
         interface=np.unique(mesh.interface),
         centres=mesh.centres,
         followed=mesh.followed,
+        shares=mesh.shares,
     )
 
 
@@ -276,10 +279,11 @@ def _equations(deck: Deck) -> Iterator[str]:
     if len(deck.centres):
         yield "*EQUATION"
     rows = np.column_stack([deck.centres, deck.followed]) + 1
-    factors = [1.0, *(-CENTRE).tolist()]
-    for row in rows.tolist():
+    factors = np.column_stack([np.ones(len(rows)), -deck.shares])
+    for row, shares in zip(rows.tolist(), factors.tolist(), strict=True):
+        texts = [f"{share:.13e}" for share in shares]
         for axis in (1, 2, 3):
-            terms = [f"{node},{axis},{f:g}" for node, f in zip(row, factors, strict=True)]
+            terms = [f"{node},{axis},{text}" for node, text in zip(row, texts, strict=True)]
             yield str(len(terms))
             yield from (",".join(terms[i : i + 4]) for i in range(0, len(terms), 4))
 
