@@ -33,8 +33,8 @@ Bound = tuple[Meshed, Sequence[Sequence[tuple[int, int, float]]]]
 """A mesh and the equations that bind its nodes."""
 MATERIAL = Material(210_000.0, 0.3)
 SIZE_OF_STRAIN = 1e-3
-LARGEST = 50_000
-"""Nodes up to which a body is solved again with every cell cut in two."""
+LARGEST = 40_000
+"""Nodes up to which a mesh with every cell cut in two is solved as well."""
 _LINEAR = {"tet10": "tet4", "penta15": "penta6", "tri6": "tri3"}
 _SIXTH, _ROOT = 1.0 / 6.0, 0.5 * np.sqrt(0.6)
 
@@ -70,7 +70,8 @@ def make(volume: HybridVolume, progress: Callable[[float, str], None]) -> dict[s
     add(0.0, "curved", lambda: curved)
     add(0.2, "straight", lambda: straightened(curved))
     add(0.35, "first order", lambda: first_order(curved))
-    if 8 * len(fem.nodes) <= 2 * LARGEST:
+    # four times as many columns, and more layers
+    if 6 * len(fem.nodes) <= LARGEST:
         finer = Density(subdivide=2 * max(fem.density.subdivide, 1))
         add(0.5, "curved, cells in two", lambda: Meshed.of(remesh(volume, finer).fem))
     add(0.7, "hexahedra, curved", lambda: _hexahedra(volume))
