@@ -93,6 +93,12 @@ class InputError(HybridVolumeError):
     code = "input"
 
 
+class OutOfDateError(InputError):
+    """A result is older than what it was made from; computing it again is the remedy."""
+
+    code = "out-of-date"
+
+
 class TrimmedFaceError(InputError):
     """A face is not the whole rectangle of its surface."""
 

@@ -84,15 +84,15 @@ class NodalStress:
         Numbers of the nodes, sorted.
     strain, stress : (m, 6) array
         In the order of `COMPONENTS`; stress in MPa.
-    loads : tuple of str
-        Loads that were found on the smooth faces of the boundary, see
-        `HybridVolume.core.nodal_forces.FaceLoads`.
+    loads : tuple of (int, str)
+        Number and load of each smooth face of the boundary, in the order of the numbers; a face
+        that sharp edges cut has several. See `HybridVolume.core.nodal_forces.FaceLoads`.
     """
 
     nodes: np.ndarray
     strain: np.ndarray
     stress: np.ndarray
-    loads: tuple[str, ...] = ()
+    loads: tuple[tuple[int, str], ...] = ()
 
     @property
     def von_mises(self) -> np.ndarray:
@@ -115,6 +115,37 @@ def von_mises(stress: np.ndarray) -> np.ndarray:
     normal, shear = stress[:, :3], stress[:, 3:]
     deviator = normal - normal.mean(axis=1, keepdims=True)
     return np.sqrt(1.5 * np.sum(deviator**2, axis=1) + 3.0 * np.sum(shear**2, axis=1))
+
+
+@dataclass(frozen=True)
+class BoundaryStress:
+    """Stress at boundary nodes as their surface sees it, MPa.
+
+    Attributes
+    ----------
+    normal, shear : (m,) arrays
+        Along the normal (pressure is negative), and the size of what acts across it.
+    tangential : (m, 2) array
+        Largest and smallest normal stress in directions along the surface.
+    """
+
+    normal: np.ndarray
+    shear: np.ndarray
+    tangential: np.ndarray
+
+
+def in_frame(stress: np.ndarray, normal: np.ndarray) -> BoundaryStress:
+    """Stress (m, 6) in the frames of unit normals (m, 3)."""
+    full = tensor(stress)
+    traction = np.einsum("mij,mj->mi", full, normal)
+    along = np.sum(traction * normal, axis=1)
+    shear = np.linalg.norm(traction - along[:, None] * normal, axis=1)
+    least = np.eye(3)[np.argmin(np.abs(normal), axis=1)]
+    first = np.cross(normal, least)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    frame = np.stack([first, np.cross(normal, first)], axis=1)
+    plane = np.einsum("mai,mij,mbj->mab", frame, full, frame)
+    return BoundaryStress(along, shear, np.linalg.eigvalsh(plane)[:, ::-1])
 
 
 def element_strain(
@@ -194,12 +225,12 @@ def recover(
     outside[free] = outside[others] = True
     rough = extrapolated(nodes, elements, displacement)
     strain = smooth_inside(nodes, elements, displacement, rough, outside)
-    kinds: tuple[str, ...] = ()
+    found: tuple[tuple[int, str], ...] = ()
     if len(boundary.triangles):
-        strain, kinds = _on_boundary(
+        strain, found = _on_boundary(
             nodes, elements, displacement, material, strain, boundary, outside
         )
-    return NodalStress(used, strain[used], material.stress(strain[used]), kinds)
+    return NodalStress(used, strain[used], material.stress(strain[used]), found)
 
 
 def _checked(
@@ -256,7 +287,7 @@ def _on_boundary(
     strain: np.ndarray,
     boundary: Boundary,
     outside: np.ndarray,
-) -> tuple[np.ndarray, tuple[str, ...]]:
+) -> tuple[np.ndarray, tuple[tuple[int, str], ...]]:
     """Strain at the nodes, on the boundary with loads and the surface's displacement."""
     surface = BoundarySurface(nodes, boundary)
     forces = nodal_forces(nodes, elements, displacement, material.stress)
@@ -273,7 +304,11 @@ def _on_boundary(
     level = np.sqrt(np.bincount(surface.point_face, size, minlength=surface.faces) / count)
     level = np.maximum(level, _FAINT * np.sqrt(size.mean()))
     loads = face_loads(surface, force, noise, level)
-    return combined(surface, displacement, loads.traction, strain, material), loads.kinds
+    number = np.zeros(surface.faces, dtype=int)
+    if boundary.face is not None:
+        number[surface.point_face[surface.points[:, 0]]] = boundary.face
+    found = sorted(zip(number.tolist(), loads.kinds, strict=True))
+    return combined(surface, displacement, loads.traction, strain, material), tuple(found)
 
 
 def rounding(values: np.ndarray) -> np.ndarray:

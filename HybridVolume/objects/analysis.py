@@ -4,15 +4,21 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+import shutil
+import tempfile
 from typing import Any
 
+import FreeCAD
 import ObjectsFem
 
-from HybridVolume.errors import InputError
+from HybridVolume.errors import HybridVolumeError, InputError, OutOfDateError, SetupError
 
 from .fem_mesh import AnalysisMesh
+from .loads import misplaced, references
 from .properties import transaction
-from .volume import UP_TO_DATE
+from .volume import UP_TO_DATE, remesh_suffices
 
 STEEL = {
     "Name": "CalculiX-Steel",
@@ -27,6 +33,13 @@ STEEL = {
 
 PARTS = ("Shell", "Core")
 """Groups of volume elements that can have a material each."""
+
+_LINEAR = {
+    "AnalysisType": "static",
+    "GeometricalNonlinearity": "linear",
+    "MaterialNonlinearity": "linear",
+}
+"""What a solver does whose stress is Hooke's law of the displacement's derivative."""
 
 _SOLVERS = ("makeSolverCalculiXCcxTools", "makeSolverCalculixCcxTools")
 """Names of the same maker in FreeCAD 1.x and 0.20."""
@@ -69,18 +82,167 @@ def is_mesh(obj: Any) -> bool:
     return getattr(getattr(obj, "Proxy", None), "Type", "") == AnalysisMesh.Type
 
 
+def mesh_in(analysis: Any) -> Any:
+    """The mesh of a hybrid volume in an analysis.
+
+    Raises
+    ------
+    InputError
+        There is none, or several.
+    """
+    meshes = [one for one in analysis.Group if is_mesh(one)]
+    if len(meshes) != 1:
+        raise InputError(
+            f"{analysis.Label} has {len(meshes) or 'no'} meshes of hybrid volumes",
+            remedy="make the analysis of a hybrid volume",
+        )
+    return meshes[0]
+
+
 def require_current(mesh: Any) -> None:
     """Refuse a mesh that is older than its body.
 
     Raises
     ------
-    InputError
+    OutOfDateError
     """
     if mesh.Status and mesh.Status != UP_TO_DATE:
-        raise InputError(
+        again = [one for one in mesh.InList if getattr(one, "FemMesh", None) == mesh]
+        only_mesh = again and remesh_suffices(again[0])
+        raise OutOfDateError(
             f"{mesh.Label}: {mesh.Status[:1].lower()}{mesh.Status[1:]}",
-            remedy="compute the hybrid volume again",
+            remedy="mesh the volume again" if only_mesh else "compute the hybrid volume again",
         )
+
+
+def require_static(analysis: Any) -> Any:
+    """The solver of an analysis, which must be a linear static one.
+
+    Raises
+    ------
+    InputError
+        There is no solver, or it does something else.
+    """
+    solvers = [one for one in analysis.Group if one.isDerivedFrom("Fem::FemSolverObject")]
+    solvers = [one for one in solvers if not getattr(one, "Suppressed", False)]
+    if not solvers:
+        raise InputError(f"{analysis.Label} has no solver", remedy="add CalculiX to it")
+    for solver in solvers:
+        for name, wanted in _LINEAR.items():
+            value = getattr(solver, name, wanted)
+            if value != wanted:
+                raise InputError(
+                    f"{solver.Label} has {name} {value}; stresses from displacements need {wanted}",
+                    remedy=f"set {name} to {wanted} and solve again",
+                )
+    return solvers[-1]
+
+
+def problems(analysis: Any) -> list[HybridVolumeError]:
+    """What keeps an analysis from a right answer, as far as it can be told before it is solved.
+
+    Returns
+    -------
+    list of HybridVolumeError
+        Nothing is raised: a mesh that is out of date, a support or load on another body, no
+        support at all, no program to solve it.
+    """
+    try:
+        mesh = mesh_in(analysis)
+    except InputError as error:
+        return [error]
+    found: list[HybridVolumeError] = []
+    for check in (lambda: require_current(mesh), lambda: require_static(analysis)):
+        try:
+            check()
+        except InputError as error:
+            found.append(error)
+    found += misplaced(analysis, mesh)
+    if not any(True for _ in references(analysis)):
+        found.append(
+            InputError(
+                f"{analysis.Label} has no supports and no loads",
+                remedy="pick faces of the body and add them (menu Model of the FEM workbench)",
+            )
+        )
+    try:
+        find_calculix()
+    except SetupError as error:
+        found.append(error)
+    return found
+
+
+def find_calculix() -> str:
+    """Path of the CalculiX program that the FEM workbench would take.
+
+    Raises
+    ------
+    SetupError
+        There is none.
+    """
+    settings = FreeCAD.ParamGet("User parameter:BaseApp/Preferences/Mod/Fem/Ccx")
+    named = settings.GetString("ccxBinaryPath", "")
+    own = not settings.GetBool("UseStandardCcxLocation", True) or FreeCAD.Version()[0] != "0"
+    found = (shutil.which(named) if own and named else None) or shutil.which("ccx")
+    if not found:
+        raise SetupError(
+            "CalculiX (ccx) is not installed",
+            remedy="install the package calculix-ccx, or name the program under Edit > Preferences"
+            " > FEM > CalculiX",
+        )
+    return found
+
+
+def solve(analysis: Any, folder: str | os.PathLike | None = None) -> Any:
+    """Solve an analysis with CalculiX and put the accurate stresses into it.
+
+    Parameters
+    ----------
+    analysis : App.DocumentObject
+    folder : path, optional
+        Where the solver's files go and stay; else they are removed.
+
+    Returns
+    -------
+    App.DocumentObject
+        The result with the stresses from the displacements; the solver's own is beside it.
+
+    Raises
+    ------
+    HybridVolumeError
+        The first of `problems`, or what the solver or the FEM workbench complained of.
+    """
+    from femtools import ccxtools
+
+    from .stress import recover_stress
+
+    for problem in problems(analysis):
+        raise problem
+    with contextlib.ExitStack() as stack:
+        if folder is None:
+            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="hybridvolume_"))
+        os.makedirs(folder, exist_ok=True)
+        run = ccxtools.FemToolsCcx(analysis, require_static(analysis), test_mode=False)
+        run.update_objects()
+        run.setup_working_dir(str(folder))
+        run.setup_ccx(find_calculix())
+        complaint = run.check_prerequisites().strip()
+        if complaint:
+            raise InputError(
+                f"{analysis.Label} cannot be solved: {' '.join(complaint.split())}",
+                remedy="complete the analysis",
+            )
+        run.purge_results()
+        run.write_inp_file()
+        failed = run.ccx_run()
+        run.load_results()
+    solved = [one for one in analysis.Group if one.isDerivedFrom("Fem::FemResultObject")]
+    if failed or not solved:
+        raise InputError(
+            f"CalculiX did not solve {analysis.Label}",
+            remedy="look at its messages in the report view, and at the supports",
+        )
+    return recover_stress(analysis)
 
 
 def make_analysis(obj: Any, *, materials_apart: bool = False) -> Any:

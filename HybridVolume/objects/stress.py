@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import logging
+import re
 from typing import Any
 
 import FreeCAD
@@ -11,15 +13,35 @@ import numpy as np
 import ObjectsFem
 from femresult import resulttools
 
+from HybridVolume.core.boundary_surface import Boundary, BoundarySurface
 from HybridVolume.core.elements import from_order
-from HybridVolume.core.recovery import COMPONENTS, Material, NodalStress, recover
-from HybridVolume.errors import FaultError, InputError
+from HybridVolume.core.exact_boundary import boundary_of
+from HybridVolume.core.hybrid import load
+from HybridVolume.core.recovery import COMPONENTS, Material, NodalStress, in_frame, recover
+from HybridVolume.errors import FaultError, FileFormatError, InputError, OutOfDateError
 
-from .analysis import is_mesh, require_current
+from .analysis import mesh_in, require_current, require_static
+from .loads import face_pressures, misplaced
 from .properties import transaction
+
+logger = logging.getLogger(__name__)
 
 NAME = "HybridVolume_Results"
 """Name of the result object; the solver's own stays beside it."""
+
+_FACE = re.compile(r"Face\d+")
+_SAME_PLACE = 1e-4
+"""Distance of a result's nodes from the mesh's, as a share of its size: files round them."""
+
+_BOUNDARY = (
+    ("BoundaryNodes", "IntegerList", "Numbers of the nodes on the boundary."),
+    ("BoundaryNormals", "VectorList", "Outward normals there."),
+    ("NormalStress", "FloatList", "Stress along the normal, MPa."),
+    ("ShearStress", "FloatList", "Size of the shear stress in the boundary, MPa."),
+    ("TangentialMax", "FloatList", "Largest normal stress along the boundary, MPa."),
+    ("TangentialMin", "FloatList", "Smallest normal stress along the boundary, MPa."),
+    ("FaceLoads", "StringList", "Load on each face, as the displacements tell it."),
+)
 
 _KINDS = {4: "tet4", 6: "penta6", 10: "tet10", 15: "penta15"}
 
@@ -44,13 +66,7 @@ def recover_stress(analysis: Any) -> Any:
     InputError
         The mesh is no hybrid volume's or out of date, or nothing was solved yet.
     """
-    meshes = [one for one in analysis.Group if is_mesh(one)]
-    if len(meshes) != 1:
-        raise InputError(
-            f"{analysis.Label} has {len(meshes) or 'no'} meshes of hybrid volumes",
-            remedy="make the analysis of a hybrid volume",
-        )
-    (mesh,) = meshes
+    mesh = mesh_in(analysis)
     require_current(mesh)
     results = [
         one
@@ -63,11 +79,15 @@ def recover_stress(analysis: Any) -> Any:
         raise InputError(
             f"{analysis.Label} has no displacements yet", remedy="run its solver first"
         )
+    require_static(analysis)
+    for error in misplaced(analysis, mesh):
+        raise error
     solved = results[-1]
     numbers, nodes, groups = _arrays(mesh.FemMesh)
-    displacement = _displacement(solved, numbers, mesh.Label)
+    displacement = _displacement(solved, numbers, nodes, mesh.Label)
+    names, boundary = _boundary(analysis, mesh, numbers, nodes)
     parts = [
-        recover(nodes, elements, displacement, material)
+        recover(nodes, elements, displacement, material, boundary=boundary)
         for material, elements in _materials(analysis, mesh.FemMesh, groups)
     ]
     with transaction(analysis.Document, "Recover stresses"):
@@ -76,7 +96,9 @@ def recover_stress(analysis: Any) -> Any:
         result = ObjectsFem.makeResultMechanical(analysis.Document, NAME)
         result.Label = "Stresses from displacements"
         result.Mesh = solved.Mesh
-        _fill(result, solved, parts, numbers)
+        strain, stress = _merged(parts, len(numbers))
+        _fill(result, solved, strain, stress)
+        _add_boundary(result, numbers, nodes, names, boundary, stress, parts[0])
         analysis.addObject(result)
     return result
 
@@ -93,7 +115,44 @@ def _arrays(mesh: Any) -> tuple[np.ndarray, np.ndarray, dict[int, tuple[str, np.
     return numbers, nodes, volumes
 
 
-def _displacement(result: Any, numbers: np.ndarray, label: str) -> np.ndarray:
+def _boundary(
+    analysis: Any, mesh: Any, numbers: np.ndarray, nodes: np.ndarray
+) -> tuple[tuple[str, ...], Boundary]:
+    """Names of the CAD faces, and the boundary with what the document knows of it.
+
+    Exact normals are those of the stored shell, where the mesh is the one of its result.
+    """
+    table = mesh.FemMesh
+    groups = {table.getGroupName(g): table.getGroupElements(g) for g in table.Groups}
+    faces = {name: members for name, members in groups.items() if _FACE.fullmatch(name)}
+    names = tuple(faces)
+    pressures = face_pressures(analysis, names)
+    rows, owner = [], []
+    for number, members in enumerate(faces.values()):
+        rows += [table.getElementNodes(element) for element in members]
+        owner += [number] * len(members)
+    given = np.searchsorted(numbers, np.array(rows, dtype=int).reshape(len(rows), -1))
+    triangles = from_order("freecad", f"tri{given.shape[1]}", given) if rows else given
+    face = np.array(owner, dtype=int)
+    plain = Boundary(triangles, face, pressure=pressures[face])
+    stored = [one for one in mesh.InList if getattr(one, "FemMesh", None) == mesh and one.Result]
+    if not stored:
+        return names, plain
+    try:
+        volume = load(stored[0].Result)
+    except (InputError, FileFormatError):
+        logger.info("%s: no exact normals, the stored result is not readable", mesh.Label)
+        return names, plain
+    fem = volume.fem
+    if fem is None or not np.array_equal(fem.nodes, nodes):
+        return names, plain
+    place = {name: number for number, name in enumerate(names)}
+    face = np.array([place[name] for name in fem.face_names])[fem.boundary_face]
+    exact = boundary_of(fem, volume.surface, volume.interface)
+    return names, Boundary(fem.boundary, face, exact.normals, pressure=pressures[face])
+
+
+def _displacement(result: Any, numbers: np.ndarray, nodes: np.ndarray, label: str) -> np.ndarray:
     """Displacement of every node of the mesh, (n, 3), mm."""
     given = np.asarray(result.NodeNumbers, dtype=int)
     order = np.argsort(given)
@@ -102,6 +161,14 @@ def _displacement(result: Any, numbers: np.ndarray, label: str) -> np.ndarray:
             f"{result.Label} has {len(given)} nodes, {label} {len(numbers)}",
             remedy="run the solver again",
         )
+    if result.Mesh is not None:
+        table = result.Mesh.FemMesh.Nodes
+        solved = np.array([tuple(table[number]) for number in numbers.tolist()])
+        if np.abs(solved - nodes).max() > _SAME_PLACE * np.ptp(nodes, axis=0).max():
+            raise OutOfDateError(
+                f"{result.Label} belongs to another mesh than {label}",
+                remedy="run the solver again",
+            )
     vectors = np.array([tuple(vector) for vector in result.DisplacementVectors])
     return vectors[order]
 
@@ -156,13 +223,24 @@ def _elastic(material: Any) -> Material:
     return Material(young, poisson)
 
 
-def _fill(result: Any, solved: Any, parts: list[NodalStress], numbers: np.ndarray) -> None:
-    """Write everything into a result object of the FEM workbench."""
-    strain, stress = np.full((2, len(numbers), 6), np.nan)
+def _merged(parts: list[NodalStress], count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Strain and stress of all nodes, (n, 6) each; those of the first part where several have them.
+
+    Raises
+    ------
+    FaultError
+        Nodes are without any.
+    """
+    strain, stress = np.full((2, count, 6), np.nan)
     for part in reversed(parts):
         strain[part.nodes], stress[part.nodes] = part.strain, part.stress
     if np.isnan(stress).any():
         raise FaultError("some nodes belong to no element of a material")
+    return strain, stress
+
+
+def _fill(result: Any, solved: Any, strain: np.ndarray, stress: np.ndarray) -> None:
+    """Write what the FEM workbench's own results have."""
     order = np.argsort(np.asarray(solved.NodeNumbers, dtype=int))
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
@@ -175,3 +253,32 @@ def _fill(result: Any, solved: Any, parts: list[NodalStress], numbers: np.ndarra
     for add in ("add_disp_apps", "add_von_mises", "add_principal_stress_std"):
         getattr(resulttools, add)(result)
     resulttools.fill_femresult_stats(result)
+
+
+def _add_boundary(
+    result: Any,
+    numbers: np.ndarray,
+    nodes: np.ndarray,
+    names: tuple[str, ...],
+    boundary: Boundary,
+    stress: np.ndarray,
+    outer: NodalStress,
+) -> None:
+    """Add properties with the stress of the boundary nodes in the frame of the normal."""
+    for name, kind, text in _BOUNDARY:
+        result.addProperty(f"App::Property{kind}", name, "Boundary", text)
+        result.setEditorMode(name, ["ReadOnly"])
+    if not outer.loads:
+        return
+    surface = BoundarySurface(nodes, boundary)
+    # a node on a sharp edge is seen on the first of its faces
+    members, point = np.unique(surface.point_node, return_index=True)
+    normal = surface.normal[point]
+    seen = in_frame(stress[members], normal)
+    result.BoundaryNodes = numbers[members].tolist()
+    result.BoundaryNormals = [FreeCAD.Vector(*one) for one in normal.tolist()]
+    result.NormalStress = seen.normal.tolist()
+    result.ShearStress = seen.shear.tolist()
+    result.TangentialMax = seen.tangential[:, 0].tolist()
+    result.TangentialMin = seen.tangential[:, 1].tolist()
+    result.FaceLoads = [f"{names[number]}: {load}" for number, load in outer.loads]
