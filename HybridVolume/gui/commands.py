@@ -18,8 +18,9 @@ from .analysis_commands import ANALYSIS, STRESS, AnalysisCommand, StressCommand
 
 CREATE = "HybridVolume_Create"
 QUALITY = "HybridVolume_Quality"
+MESH = "HybridVolume_Mesh"
 CLEAR = "HybridVolume_ClearRed"
-NAMES = [CREATE, QUALITY, CLEAR, ANALYSIS, STRESS]
+NAMES = [CREATE, QUALITY, CLEAR, MESH, ANALYSIS, STRESS]
 
 
 class CreateCommand:
@@ -69,6 +70,30 @@ class QualityCommand:
     def Activated(self) -> None:
         """Open the panel."""
         open_quality_soon(computed_volume())
+
+
+class MeshCommand:
+    """Opens the panel of the finite element mesh of a computed volume."""
+
+    def GetResources(self) -> dict[str, str]:
+        """Return icon and texts."""
+        return {
+            "Pixmap": "HybridVolume_FemMesh",
+            "MenuText": QT_TRANSLATE_NOOP(MESH, "FEM mesh"),
+            "ToolTip": QT_TRANSLATE_NOOP(
+                MESH,
+                "Look at the mesh for the FEM workbench, its quality by group and its worst "
+                "elements, and make it finer or coarser without computing the shell again",
+            ),
+        }
+
+    def IsActive(self) -> bool:
+        """Tell whether a result is meant and no panel is open."""
+        return not FreeCADGui.Control.activeDialog() and computed_volume() is not None
+
+    def Activated(self) -> None:
+        """Open the panel."""
+        open_mesh_soon(computed_volume())
 
 
 class ClearCommand:
@@ -141,6 +166,34 @@ def open_quality_panel(document: str, name: str, *, inner: bool = False) -> Any 
         return _show(QualityPanel(volume, inner=inner))
     except HybridVolumeError as error:
         messages.show_error(error, volume.Source)
+        return None
+
+
+def open_mesh_soon(obj: Any) -> None:
+    """Show the panel of a finite element mesh as soon as FreeCAD is idle.
+
+    Parameters
+    ----------
+    obj : App.DocumentObject
+        A hybrid volume, or its mesh.
+    """
+    document, name = obj.Document.Name, obj.Name
+    QtCore.QTimer.singleShot(0, lambda: open_mesh_panel(document, name))
+
+
+def open_mesh_panel(document: str, name: str) -> Any | None:
+    """Show the panel of a finite element mesh; None where there is none, which is then told."""
+    from HybridVolume.objects.stored_mesh import volume_object_of
+
+    from . import messages, red_places
+    from .mesh_panel import MeshPanel
+
+    obj = FreeCAD.getDocument(document).getObject(name)
+    red_places.clear()
+    try:
+        return _show(MeshPanel(volume_object_of(obj)))
+    except HybridVolumeError as error:
+        messages.show_error(error, obj)
         return None
 
 
@@ -293,7 +346,7 @@ def register() -> list[str]:
     line = compile("add(name, command)", f"{HybridVolume.__name__}.py", "exec")
     commands = (
         *(CreateCommand(), QualityCommand(), ClearCommand()),
-        *(AnalysisCommand(), StressCommand()),
+        *(MeshCommand(), AnalysisCommand(), StressCommand()),
     )
     for name, command in zip(NAMES, commands, strict=True):
         exec(line, {"add": FreeCADGui.addCommand, "name": name, "command": command})

@@ -25,8 +25,8 @@ from HybridVolume.sources import global_shape
 from . import messages, preferences, red_places
 from .density_form import DensityForm
 from .face_table import FACTORS, FaceTable, Widgets, face_names
-from .panel import Panel
-from .runner import Callbacks, Runner
+from .run_panel import RunPanel
+from .runner import Callbacks
 from .thickness_form import LayersForm, ThicknessForm
 from .thickness_preview import ThicknessPreview
 from .volume_macro import VolumeMacro
@@ -35,7 +35,7 @@ from .work import NO_ENVIRONMENT, environment_setup, is_deleted, waiting
 _MESH = "FemMesh."
 
 
-class TaskPanel(Panel):
+class TaskPanel(RunPanel):
     """Computes the hybrid volume of a body.
 
     Parameters
@@ -53,7 +53,7 @@ class TaskPanel(Panel):
     """
 
     def __init__(self, source: Any, volume: Any | None = None) -> None:
-        super().__init__("task_panel", "HybridVolume")
+        super().__init__("task_panel", "HybridVolume", self._ready)
         self.created: list[Any] = []
         self._source = source
         self._volume = volume
@@ -68,9 +68,6 @@ class TaskPanel(Panel):
         self._single = volume is not None or len(solids) == 1
         solid = volume.Solid if volume else 1
         size = _size(solids[solid - 1] if len(solids) >= solid else None)
-        self._runner = Runner(
-            Callbacks(self._show_progress, self._write, self._finish, self._fail), self._ready
-        )
         self._preview = ThicknessPreview(
             self.form,
             source,
@@ -145,16 +142,6 @@ class TaskPanel(Panel):
         self._density.close()
 
     # The panel's own work.
-
-    @property
-    def running(self) -> bool:
-        """Whether a computation is under way."""
-        return self._runner.running
-
-    @property
-    def job(self) -> Job | None:
-        """The job that is running."""
-        return self._runner.job
 
     def run(self) -> None:
         """Read the body and start the computation; offer to make the environment if need be."""
@@ -300,15 +287,9 @@ class TaskPanel(Panel):
             self._idle(self.form.stage.text() if self._preview.running else "Ready")
 
     def _fail_preview(self, error: HybridVolumeError, log: str) -> None:
-        self._write_error(error)
-        if log:
-            FreeCAD.Console.PrintError(log)
+        self._write_error(error, log)
         self._idle("Failed")
         messages.show_error(error, self._source, log)
-
-    def _write_error(self, error: HybridVolumeError) -> None:
-        for line in (f"error: {error.line}", *red_places.lines(error)):
-            self._write(line)
 
     def tell(self, line: str) -> None:
         """Write a line for the user."""
@@ -404,38 +385,12 @@ class TaskPanel(Panel):
         )
 
     def _fail(self, error: HybridVolumeError, log: str) -> None:
-        self._write_error(error)
-        if log:
-            FreeCAD.Console.PrintError(log)
+        self._write_error(error, log)
         unrelated = ("worker", "environment")
         if self._volume and not is_deleted(self._volume) and error.code not in unrelated:
             set_status(self._volume, f"Failed: {error.line}")
         self._idle("Failed")
         messages.show_error(error, self._source, log)
-
-    def _show_progress(self, share: float | None, text: str) -> None:
-        bar = self.form.progress
-        bar.setMaximum(0 if share is None else 1000)
-        if share is not None:
-            bar.setValue(round(1000 * share))
-        self.form.stage.setText(text)
-
-    def _write(self, line: str) -> None:
-        self.form.log.appendPlainText(line)
-        FreeCAD.Console.PrintLog(f"HybridVolume: {line}\n")
-
-    def _busy(self, text: str) -> None:
-        self.form.progress.setValue(0)
-        self.form.stage.setText(text)
-        self._enable(running=True)
-
-    def _idle(self, text: str) -> None:
-        if self.form.progress.maximum() == 0:
-            self.form.progress.setMaximum(1000)
-        if text != "Done":
-            self.form.progress.setValue(0)
-        self.form.stage.setText(text)
-        self._enable(running=False)
 
     def _enable(self, *, running: bool) -> None:
         field = self._preview.running

@@ -92,7 +92,7 @@ class VolumeView(ViewProvider):
 
 
 class MeshView(ViewProvider):
-    """The mesh for an analysis."""
+    """The mesh for an analysis; a double click opens its panel."""
 
     ICON = "HybridVolume_FemMesh"
     COLOUR = (0.90, 0.91, 0.88)
@@ -100,6 +100,14 @@ class MeshView(ViewProvider):
     def __init__(self, view: Any) -> None:
         super().__init__(view)
         _paint(view, self.COLOUR)
+
+    def doubleClicked(self, view: Any) -> bool:
+        """Open the panel that tells its quality and makes another one."""
+        from . import commands
+
+        if not FreeCADGui.Control.activeDialog():
+            commands.open_mesh_soon(view.Object)
+        return True
 
 
 class PartView(MeshView):
