@@ -40,6 +40,7 @@ _FUNCTIONS = (
     "read_step",
     "recover_stress",
     "remesh",
+    "solve",
     "to_document",
     "to_fem",
 )

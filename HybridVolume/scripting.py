@@ -434,6 +434,32 @@ def make_analysis(obj: Any, materials_apart: bool = False) -> Any:
     return make(obj, materials_apart=materials_apart)
 
 
+def solve(analysis: Any, folder: str | os.PathLike | None = None) -> Any:
+    """Solve an analysis with CalculiX and add the accurate stresses to it.
+
+    Parameters
+    ----------
+    analysis : App.DocumentObject
+        With supports and loads.
+    folder : path, optional
+        Where the solver's files stay; else they are removed.
+
+    Returns
+    -------
+    App.DocumentObject
+        The result of :func:`recover_stress`; the solver's own is beside it.
+
+    Raises
+    ------
+    HybridVolumeError
+        Something is missing or wrong: the mesh is out of date, a support or load is on another
+        body, there is none at all, CalculiX is not installed or does not solve it.
+    """
+    from HybridVolume.objects.analysis import solve as run
+
+    return run(analysis, folder)
+
+
 def recover_stress(analysis: Any) -> Any:
     """Add a result with stresses at the nodes straight from the solver's displacements.
 
