@@ -16,6 +16,7 @@ import pytest
 
 import HybridVolume
 from HybridVolume import completion, job, report
+from HybridVolume.core import hybrid
 from HybridVolume.errors import FaultError, InputError, SeamError, SetupError
 
 try:
@@ -460,6 +461,25 @@ def test_the_same_from_a_macro(place, python, monkeypatch):
         assert made.Status == "Up to date" and made.Layers == 2 and made.Degree == 2
         assert (made.ThicknessKind, made.Thickness.Value) == ("Even", 0.2)
         assert made.FaceFactors == ["Face6 = 1.5"] and made.FirstLayer.Value == 0.05
+        doc.UndoMode = 1
+        before = made.FemMesh.FemMesh.NodeCount
+        again = HybridVolume.remesh(made, size=0.5, face_sizes={"Face6": 0.25})
+        assert again is made.FemMesh and doc.UndoNames == ["Mesh again"]
+        assert again.Size.Value == 0.5 and list(again.FaceSizes) == ["Face6 = 0.25 mm"]
+        assert made.Status == "Up to date" and again.FemMesh.NodeCount > 2 * before
+        fem = hybrid.load(made.Result).fem
+        corners = {name: fem.nodes[fem.face_triangles(name)[:, :3]] for name in fem.face_names}
+        longest = {
+            name: np.linalg.norm(x - np.roll(x, 1, axis=1), axis=2).max()
+            for name, x in corners.items()
+        }
+        # sizes are those of the sides of a cell, whose diagonal is an edge too
+        diagonal = 2**0.5 * (1.0 + 1e-12)
+        assert longest["Face6"] <= 0.25 * diagonal < longest["Face5"]
+        assert max(longest.values()) <= 0.5 * diagonal
+        with pytest.raises(InputError, match="no such face"):
+            HybridVolume.remesh(again, face_sizes={"Face7": 0.25})
+        assert len(doc.UndoNames) == 1
     finally:
         FreeCAD.closeDocument(doc.Name)
     # a shape alone does as well; what the body is refused for arrives here
