@@ -340,7 +340,7 @@ def export_mesh(volume_or_object: Any, path: str | os.PathLike) -> None:
     Parameters
     ----------
     volume_or_object : HybridVolume, FiniteElementMesh or App.DocumentObject
-        An object is a hybrid volume, one of its parts, its mesh, or the body it was made of.
+        An object is a hybrid volume, one of its parts, the body it was made of, or a mesh.
     path : path
         ``.inp`` (CalculiX, Abaqus), ``.unv``, ``.med`` (Salome, Code_Aster), ``.msh`` (Gmsh 4.1) or
         ``.vtu`` (ParaView). Lengths are mm; groups are Shell, Core, each CAD face, and Interface.

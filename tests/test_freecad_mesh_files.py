@@ -24,7 +24,7 @@ except SetupError as missing:
 import Fem
 
 import HybridVolume
-from HybridVolume.core.element_jacobians import volumes
+from HybridVolume.core.element_jacobians import scaled_jacobian, volumes
 from HybridVolume.core.elements import from_order
 from HybridVolume.core.hexahedra import element_volumes, hexahedral_mesh
 from HybridVolume.core.hybrid import HybridVolume as HV
@@ -33,7 +33,8 @@ from HybridVolume.exports import med
 from HybridVolume.exports.blocks import blocks_of
 from HybridVolume.exports.inp import write_inp
 from HybridVolume.exports.mesh_file import write_mesh
-from HybridVolume.objects.fem_mesh import AnalysisMesh, make_mesh_object
+from HybridVolume.objects.fem_mesh import AnalysisMesh, arrays_of, build, make_mesh_object
+from HybridVolume.objects.stored_mesh import read_mesh
 from HybridVolume.objects.volume import make_volume
 
 SIDES = ("Face1", "Face2", "Face3", "Fläche 4", "Face5", "Face6")
@@ -50,11 +51,12 @@ def bent_mesh(order):
 def volumes_of(found):
     """Volume of each element of a FreeCAD mesh, by its number."""
     kinds = {4: "tet4", 6: "penta6", 10: "tet10", 15: "penta15", 20: "hex20"}
+    nodes = found.Nodes
     rows = {element: found.getElementNodes(element) for element in found.Volumes}
     sizes = {}
     for element, row in rows.items():
         kind = kinds[len(row)]
-        x = np.array([tuple(found.Nodes[node]) for node in row])
+        x = np.array([tuple(nodes[node]) for node in row])
         x = x[from_order("freecad", kind, np.arange(len(row))[None])[0]]
         sizes[element] = float(element_volumes(kind, x[None])[0])
     return sizes
@@ -68,7 +70,8 @@ def test_freecad_reads_the_same_mesh(tmp_path, suffix, order):
     write_mesh(path, mesh)
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
     found = Fem.read(str(path))
-    nodes = np.array([tuple(found.Nodes[number]) for number in sorted(found.Nodes)])
+    table = found.Nodes
+    nodes = np.array([tuple(table[number]) for number in sorted(table)])
     # decks have 14 digits
     assert np.abs(nodes - mesh.nodes).max() <= (1e-13 if suffix == "inp" else 0.0)
     blocks = blocks_of(mesh)
@@ -184,6 +187,49 @@ def test_objects_and_volumes_are_exported(tmp_path, stored):
         with pytest.raises(InputError, match=r"\.stp"):
             HybridVolume.export_mesh(obj, tmp_path / "other.stp")
         assert not list(tmp_path.glob("other*"))
+    finally:
+        FreeCAD.closeDocument(doc.Name)
+
+
+def test_layers_of_a_mesh_alone(stored):
+    fem = HV.load(stored).fem
+    found = read_mesh(build(arrays_of(fem)), "Mesh")
+    assert fem.wedge_layer.max() == 1
+    for name in ("nodes", "wedges", "wedge_layer", "tets", "boundary", "boundary_wedge"):
+        assert np.array_equal(getattr(found, name), getattr(fem, name))
+    assert np.array_equal(found.interface, fem.interface) and found.face_names == fem.face_names
+    assert np.allclose(found.wedge_bound, fem.wedge_bound, rtol=1e-9)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_mesh_alone_is_exported(tmp_path, order):
+    mesh = bent_mesh(order)
+    # what is not among elements and groups is not in a document's mesh either
+    mesh = replace(
+        mesh,
+        wedge_quality=scaled_jacobian(mesh.wedge_kind, mesh.nodes[mesh.wedges]),
+        tet_quality=scaled_jacobian(mesh.tet_kind, mesh.nodes[mesh.tets]),
+    )
+    doc = FreeCAD.newDocument("export", hidden=True, temp=True)
+    try:
+        obj = make_mesh_object(doc, "FemMesh", AnalysisMesh)
+        obj.FemMesh = build(arrays_of(mesh))
+        for suffix in ("inp", "unv", "msh"):
+            write_mesh(tmp_path / f"given.{suffix}", mesh)
+            HybridVolume.export_mesh(obj, tmp_path / f"stored.{suffix}")
+            given, stored = (tmp_path / f"{n}.{suffix}" for n in ("given", "stored"))
+            assert stored.read_bytes() == given.read_bytes()
+        found = read_mesh(obj.FemMesh, "Mesh")
+        assert np.array_equal(found.wedge_layer, mesh.wedge_layer)
+        assert np.array_equal(found.wedge_quality, mesh.wedge_quality)
+        assert min(found.wedge_bound.min(), found.tet_bound.min()) > 0.0
+        # a mesh that somebody added an element to is not ours
+        other = obj.FemMesh.copy()
+        other.addVolume([1, 2, 3, 4])
+        obj.FemMesh = other
+        with pytest.raises(InputError, match="not a mesh of shell and core"):
+            HybridVolume.export_mesh(obj, tmp_path / "other.msh")
+        assert not (tmp_path / "other.msh").exists()
     finally:
         FreeCAD.closeDocument(doc.Name)
 
