@@ -40,6 +40,9 @@ logger = logging.getLogger(__name__)
 GOOD_ANGLE = 1.0
 """Degrees; a mesher whose flattest tet has less is followed by the next one, the better stays."""
 
+GRADING = 0.3
+"""Growth of the core's edges away from the interface: with more the tets get flat."""
+
 FLAT = 1e-10
 """A tet with less than this of the cube of its longest edge has no volume but by rounding."""
 
@@ -313,6 +316,7 @@ def fill_interior(
                 interface.vertices,
                 interface.triangles,
                 max_size=max_size,
+                grading=GRADING,
                 engine=name,
                 free=free,
                 time_limit=time_limit,

@@ -129,7 +129,9 @@ class Wedges:
         count = len(self.interface.triangles) // 2
         cells = np.arange(count) if cells is None else cells
         rows = 2 * cells[:, None] + np.arange(2)
-        rows = (rows[:, None] + 2 * count * np.arange(self.layers)[:, None]).reshape(len(cells), -1)
+        rows = (rows[:, None] + 2 * count * np.arange(self.layers)[:, None]).reshape(
+            len(cells), 2 * self.layers
+        )
         x = self.nodes[self.elements[rows.ravel()]]
         found = scaled_jacobian(self.kind, x, reference(self.kind).nodes)
         # only those that look poor are looked at closely

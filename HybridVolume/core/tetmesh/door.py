@@ -79,7 +79,8 @@ def fill(
     max_size : float, optional
         Wanted largest edge inside, mm.
     grading : float, optional
-        How fast the size may change (netgen's 0 to 1).
+        How many mm the edges grow by a mm away from the surface (0 to 1); by default as the mesher
+        does it.
     engine : {"auto", "gmsh", "netgen", "pytetwild"}
         ``"auto"`` tries the installed conforming ones in turn. Only pytetwild accepts surfaces
         that cut themselves; its boundary is not the given one.

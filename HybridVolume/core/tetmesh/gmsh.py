@@ -5,10 +5,12 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from .mesh import tet_volumes
 
@@ -26,7 +28,8 @@ def fill(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Fill a closed surface; ``facets`` become faces inside.
 
-    ``grading`` has no meaning here. gmsh always optimises, otherwise it leaves tetrahedra without
+    ``grading`` is how many mm the edges grow by a mm away from the surface; without it they are
+    interpolated between its edges. gmsh always optimises, otherwise it leaves tetrahedra without
     volume; with ``optimise=False`` only the very flat ones.
 
     Returns
@@ -36,14 +39,35 @@ def fill(
     """
     solids, size = _solids(vertices, triangles)
     threshold = _reachable_quality(vertices, triangles) if optimise else 0.03
+    if grading is not None:
+        threshold *= 0.7  # tets that grow are less regular, and gmsh tries for long
+    wanted = (max_size, None if grading is None else _growing(vertices, triangles, grading))
     try:
-        points, tets = _fill(vertices, solids, facets, max_size, threshold, HXT)
+        points, tets = _fill(vertices, solids, facets, wanted, threshold, HXT)
         # HXT leaves out what lies inside closed inner facets
         if abs(np.abs(tet_volumes(points, tets)).sum() - size) <= 1e-9 * size:
             return points, tets
     except Exception as error:  # gmsh raises plain Exception; its other algorithm is worth a try
         log.debug("HXT: %s", error)
-    return _fill(vertices, solids, facets, max_size, threshold, DELAUNAY)
+    return _fill(vertices, solids, facets, wanted, threshold, DELAUNAY)
+
+
+def _growing(
+    vertices: np.ndarray, triangles: np.ndarray, grading: float
+) -> Callable[[int, int, float, float, float, float], float]:
+    """Size at a place, as gmsh asks for it: that of the nearest vertex' edges, and more inside."""
+    ends = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    length = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1)
+    total = np.bincount(ends.ravel(), np.repeat(length, 2), len(vertices))
+    edge = total / np.maximum(np.bincount(ends.ravel(), minlength=len(vertices)), 1)
+    used = np.unique(triangles)
+    tree = cKDTree(vertices[used])
+
+    def size(dimension: int, tag: int, x: float, y: float, z: float, given: float) -> float:
+        distance, place = tree.query((x, y, z))
+        return float(edge[used[place]] + grading * distance)
+
+    return size
 
 
 def _reachable_quality(vertices: np.ndarray, triangles: np.ndarray) -> float:
@@ -93,24 +117,28 @@ def _fill(
     vertices: np.ndarray,
     solids: list[list[np.ndarray]],
     facets: np.ndarray,
-    max_size: float | None,
+    wanted: tuple[float | None, Callable | None],
     threshold: float,
     algorithm: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     import gmsh
 
+    max_size, size = wanted
     gmsh.initialize(["-v", "1"], readConfigFiles=False, interruptible=False)
     try:
         for name, value in {
             "General.NumThreads": 1,
             "Mesh.Algorithm3D": algorithm,
             "Mesh.OptimizeThreshold": threshold,
-            "Mesh.MeshSizeExtendFromBoundary": 1,
+            "Mesh.MeshSizeExtendFromBoundary": 1 if size is None else 0,
             "Mesh.MeshSizeFromPoints": 0,
             "Mesh.MeshSizeMax": 1e22 if max_size is None else max_size,
         }.items():
             gmsh.option.setNumber(name, value)
         gmsh.model.add("body")
+        if size is not None:
+            # it belongs to the current model
+            gmsh.model.mesh.setSizeCallback(size)
         shells = [shell for solid in solids for shell in solid]
         surfaces = [gmsh.model.addDiscreteEntity(2) for _ in shells]
         tags = np.arange(1, len(vertices) + 1)
