@@ -148,7 +148,8 @@ def summary(outcome: Outcome) -> str:
     return (
         f"{outcome.name}: w0 {shell['w0']:.2f}, {shell['thickness']['mean']:.3g} mm, "
         f"{shell['elements']} shell elements, all proved valid, "
-        f"{outcome.report['interior']['tets']} tets; FEM mesh of {fem['nodes']} nodes"
+        f"{outcome.report['interior']['tets']} tets; FEM mesh of {fem['nodes']} nodes, smallest "
+        f"scaled Jacobian {fem['min_scaled_jacobian']:.2g}"
     )
 
 

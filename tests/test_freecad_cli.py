@@ -289,6 +289,20 @@ def test_report(completed):
     assert {"python", "numpy", "scipy", "FreeCAD", "HybridVolume"} <= set(found["versions"])
 
 
+def test_every_key_of_the_report_is_described(completed):
+    found = json.loads((completed[0] / "report.json").read_text())
+    text = (PROJECT / "docs" / "report.md").read_text()
+    keys = {key for part in found.values() if isinstance(part, dict) for key in part}
+    keys -= {*found["seconds"], *found["versions"]}
+    keys |= {*found, *found["fem"]["quality"], *found["fem"]["quality"]["groups"]["all"]}
+    keys |= {
+        *found["fem"]["density"],
+        *found["fem"]["repairs"],
+        *found["fem"]["quality"]["worst"][0],
+    }
+    assert [key for key in sorted(keys) if f"`{key}`" not in text] == []
+
+
 def test_document(completed):
     out = completed[0]
     found = json.loads((out / "report.json").read_text())
