@@ -22,12 +22,12 @@ STEEL = Material(210_000.0, 0.3)
 
 def box(order=2):
     """Box whose inner corners are moved at random, edges straight."""
-    fem = box_mesh(SIZE, NAMES, order)
+    fem = box_mesh(SIZE, NAMES, 1)
     nodes = fem.nodes.copy()
     inner = np.arange(8, 17)
     nodes[inner] += 0.06 * np.random.default_rng(1).normal(size=(9, 3))
     mesh = Meshed.of(replace(fem, nodes=nodes))
-    return fem_patch.straightened(mesh) if order == 2 else mesh
+    return fem_patch.second_order(mesh) if order == 2 else mesh
 
 
 def held(mesh, faces=("left", "front", "bottom")):

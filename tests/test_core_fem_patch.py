@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from shells import make_volume
 
-from HybridVolume.core.elements import jacobians, quadrature, reference
+from HybridVolume.core.elements import EDGES, jacobians, quadrature, reference
 from HybridVolume.reproduce import fem_patch, fem_table
 from HybridVolume.reproduce.fem_mesh import Meshed
 
@@ -35,7 +35,7 @@ def test_a_curved_mesh_conforms_and_a_torn_one_does_not():
     assert fem_patch.unbalanced(mesh, fem_patch.exact_rule) < 1e-13
     # CalculiX's points do not see curved triangles exactly, but straight ones
     assert fem_patch.unbalanced(mesh, fem_patch.calculix_rule) > 1e-3
-    straight = fem_patch.straightened(mesh)
+    straight = fem_patch.second_order(Meshed.of(make_volume("sphere", 1).fem))
     assert fem_patch.unbalanced(straight, fem_patch.calculix_rule) < 1e-13
     # one tet has its own copy of a mid node, a hair beside
     tets = mesh.elements[1][1].copy()
@@ -48,17 +48,22 @@ def test_a_curved_mesh_conforms_and_a_torn_one_does_not():
 
 
 @needs_ccx
-def test_curved_deviates_as_its_forces_do_and_falls():
+def test_curved_deviates_and_straight_does_not():
     mesh = Meshed.of(make_volume("sphere").fem)
     curved = fem_patch.patch_row("curved", mesh)
-    straight = fem_patch.patch_row("straight", fem_patch.straightened(mesh))
-    first = fem_patch.patch_row("first order", fem_patch.first_order(mesh))
-    assert straight["max"] < 1e-11 and first["max"] < 1e-11
     assert 1e-3 < curved["max"] < 0.05
-    assert first["nodes"] == len(np.unique(mesh.elements[0][1][:, :6])) + len(
-        np.setdiff1d(mesh.elements[1][1][:, :4], mesh.elements[0][1])
-    )
     assert set(curved["elements"]) == {"penta15", "tet10"}
+    first = Meshed.of(make_volume("sphere", 1).fem)
+    assert fem_patch.patch_row("first order", first)["max"] < 1e-11
+    second = fem_patch.second_order(first)
+    assert fem_patch.patch_row("straight", second)["max"] < 1e-11
+    for kind, rows in second.elements:
+        ends = np.array(EDGES[kind])
+        middle = second.nodes[rows[:, ends]].mean(axis=2)
+        assert np.abs(second.nodes[rows[:, reference(kind).corners :]] - middle).max() < 1e-15
+    edges = {tuple(sorted(pair)) for kind, rows in first.elements
+             for pair in rows[:, np.array(EDGES[kind])].reshape(-1, 2).tolist()}  # fmt: skip
+    assert len(second.nodes) == len(first.nodes) + len(edges)
 
 
 def case(**rows):

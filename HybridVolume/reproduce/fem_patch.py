@@ -35,7 +35,7 @@ MATERIAL = Material(210_000.0, 0.3)
 SIZE_OF_STRAIN = 1e-3
 LARGEST = 40_000
 """Nodes up to which a mesh with every cell cut in two is solved as well."""
-_LINEAR = {"tet10": "tet4", "penta15": "penta6", "tri6": "tri3"}
+_QUADRATIC = {"tet4": "tet10", "penta6": "penta15", "tri3": "tri6"}
 _SIXTH, _ROOT = 1.0 / 6.0, 0.5 * np.sqrt(0.6)
 
 
@@ -58,6 +58,10 @@ def make(volume: HybridVolume, progress: Callable[[float, str], None]) -> dict[s
     curved = Meshed.of(fem)
     rows = []
 
+    @cache
+    def straight() -> Meshed:
+        return Meshed.of(remesh(volume, fem.density, order=1).fem)
+
     def add(share: float, name: str, mesh: Callable[[], Meshed | Bound]) -> None:
         progress(share, name)
         try:
@@ -68,8 +72,8 @@ def make(volume: HybridVolume, progress: Callable[[float, str], None]) -> dict[s
             rows.append({"mesh": name, "error": error.line})
 
     add(0.0, "curved", lambda: curved)
-    add(0.2, "straight", lambda: straightened(curved))
-    add(0.35, "first order", lambda: first_order(curved))
+    add(0.15, "first order", straight)
+    add(0.35, "straight", lambda: second_order(straight()))
     # four times as many columns, and more layers
     if 6 * len(fem.nodes) <= LARGEST:
         finer = Density(subdivide=2 * max(fem.density.subdivide, 1))
@@ -95,7 +99,7 @@ def _netgen(volume: HybridVolume) -> Meshed:
 
     # edges of equal tets, of which there are about two to three nodes
     size = 2.5 * (volume.surface.volume() / len(volume.fem.nodes)) ** (1.0 / 3.0)
-    return tet10_mesh(volume.surface, Sizes(size), mesher="netgen")
+    return tet10_mesh(volume.surface, Sizes(size), mesher="netgen", time_limit=300.0)
 
 
 def _hexahedra(volume: HybridVolume) -> Bound:
@@ -191,34 +195,23 @@ def unproved(mesh: Meshed) -> int:
     return int(sum(np.count_nonzero(~proved) for proved in proofs))
 
 
-def straightened(mesh: Meshed) -> Meshed:
-    """The same mesh with every mid node in the middle of its edge."""
-    nodes = mesh.nodes.copy()
-    for kind, rows in mesh.elements:
-        corners = reference(kind).corners
-        ends = np.array(EDGES[kind])
-        nodes[rows[:, corners:]] = 0.5 * (nodes[rows[:, ends[:, 0]]] + nodes[rows[:, ends[:, 1]]])
-    return Meshed(nodes, mesh.elements, mesh.faces, mesh.name)
-
-
-def first_order(mesh: Meshed) -> Meshed:
-    """The same corners without mid nodes."""
-
-    def cut(group: tuple[str, np.ndarray]) -> tuple[str, np.ndarray]:
-        kind, rows = group
-        return _LINEAR[kind], rows[:, : reference(kind).corners]
-
-    elements = [cut(group) for group in mesh.elements]
-    faces = {name: cut(group) for name, group in mesh.faces.items()}
-    used = np.unique(np.concatenate([rows.ravel() for _, rows in elements]))
-    number = np.full(len(mesh.nodes), -1)
-    number[used] = np.arange(len(used))
-    return Meshed(
-        mesh.nodes[used],
-        tuple((kind, number[rows]) for kind, rows in elements),
-        {name: (kind, number[rows]) for name, (kind, rows) in faces.items()},
-        mesh.name,
+def second_order(mesh: Meshed) -> Meshed:
+    """A mesh of first order with a node in the middle of every edge."""
+    groups = [*mesh.elements, *mesh.faces.values()]
+    pairs = [np.sort(rows[:, np.array(EDGES[kind])], axis=2) for kind, rows in groups]
+    edges, number = np.unique(
+        np.concatenate([part.reshape(-1, 2) for part in pairs]), axis=0, return_inverse=True
     )
+    nodes = np.concatenate([mesh.nodes, mesh.nodes[edges].mean(axis=1)])
+    number = len(mesh.nodes) + number.ravel()
+    full, start = [], 0
+    for (kind, rows), part in zip(groups, pairs, strict=True):
+        count = part.shape[0] * part.shape[1]
+        mids = number[start : start + count].reshape(part.shape[:2])
+        full.append((_QUADRATIC[kind], np.concatenate([rows, mids], axis=1)))
+        start += count
+    elements, faces = full[: len(mesh.elements)], full[len(mesh.elements) :]
+    return Meshed(nodes, tuple(elements), dict(zip(mesh.faces, faces, strict=True)), mesh.name)
 
 
 Rule = Callable[[str], tuple[np.ndarray, np.ndarray]]

@@ -31,10 +31,10 @@ PATCH_WORDS = """All nodes of the outer boundary get one random displacement tha
 space; the stress is then the same everywhere. Told is how far it is from that at CalculiX's Gauss
 points, over its own size (Frobenius): the largest deviation, and in brackets the root mean square.
 
-- *straight*: every mid node in the middle of its edge; *first order*: the same corners, wedges of
-  six nodes and tets of four;
 - *curved*: the mesh as it is delivered, mid nodes on the exact surfaces; *cells in two*: the same
   shell with every cell cut in two both ways;
+- *first order*: the mesh of wedges of six nodes and tets of four; *straight*: the same with a node
+  in the middle of every edge, wedges of 15 nodes and tets of ten;
 - *hexahedra*: the shell of 20-node hexahedra, bound to the tets by equations (`--elements hex20`);
 - *Netgen*: curved tets of the same body, about as coarse.
 
