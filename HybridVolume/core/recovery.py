@@ -29,6 +29,11 @@ COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 _WEAK = 0.05
 """Weight of the elements' strain on the boundary against loads and the surface's displacement."""
+_WEAKER = 0.01
+"""The same where the load of a face is known."""
+_EDGE, _SHARP = 0.1, 25.0
+"""Weight of a surface's one-sided displacement at edges between known loads, which say nearly all;
+and degrees between the normals there."""
 _UNSURE = 0.02
 """Weight of the surface's displacement on faces whose load is not known."""
 _FAINT = 1e-2
@@ -355,7 +360,8 @@ def combined(
     frame, along = surface.frame, surface.tangential_strain(displacement)
     known = np.isfinite(traction)
     # a face without a known load leaves the strain as the elements have it: better than half of it
-    trust = np.where(known.all(axis=1), 1.0, _UNSURE)[:, None]
+    sure = known.all(axis=1)
+    trust = np.where(sure, np.where(_at_edges(surface, sure), _EDGE, 1.0), _UNSURE)[:, None]
     rows, values = [], []
     for number, (a, b, weight) in enumerate(((0, 0, 1.0), (1, 1, 1.0), (0, 1, 2.0**0.5))):
         rows.append(trust * modulus * weight * _product(frame[:, a], frame[:, b]))
@@ -371,11 +377,32 @@ def combined(
     np.add.at(matrix, node, np.swapaxes(act, 1, 2) @ act)
     np.add.at(right, node, np.einsum("pri,pr->pi", act, wanted))
     members = np.unique(node[known.any(axis=1)])
-    double = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0]) * (_WEAK * modulus) ** 2
-    matrix, right = matrix[members] + np.diag(double), right[members] + double * strain[members]
+    weak = np.full(count, _WEAK)
+    weak[node[sure]] = _WEAKER
+    double = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0]) * (weak[members, None] * modulus) ** 2
+    matrix = matrix[members] + double[:, :, None] * np.eye(6)
+    right = right[members] + double * strain[members]
     result = strain.copy()
     result[members] = np.linalg.solve(matrix, right[..., None])[..., 0]
     return result
+
+
+def _at_edges(surface: BoundarySurface, sure: np.ndarray) -> np.ndarray:
+    """Whether the node of each point has another point, with another normal, and known loads."""
+    count = len(sure)
+    first = np.argsort(surface.point_node, kind="stable")
+    found = np.zeros(count, dtype=bool)
+    sharp = np.cos(np.radians(_SHARP))
+    for step in range(1, 1 + int(np.bincount(surface.point_node).max())):
+        one, other = first[:-step], first[step:]
+        same = surface.point_node[one] == surface.point_node[other]
+        if not same.any():
+            break
+        one, other = one[same], other[same]
+        across = np.sum(surface.normal[one] * surface.normal[other], axis=1) < sharp
+        both = across & sure[one] & sure[other]
+        found[one[both]] = found[other[both]] = True
+    return found
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
