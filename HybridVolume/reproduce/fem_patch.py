@@ -18,7 +18,7 @@ import numpy as np
 
 from HybridVolume.core.density import Density
 from HybridVolume.core.element_jacobians import prove_positive
-from HybridVolume.core.elements import EDGES, quadrature, reference, shape_gradients
+from HybridVolume.core.elements import EDGES, quadrature, shape_gradients
 from HybridVolume.core.recovery import Material
 from HybridVolume.core.remesh import remesh
 from HybridVolume.errors import HybridVolumeError
