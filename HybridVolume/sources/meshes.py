@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""Bodies from polygon meshes: the mesh becomes patches by a scheme, and these a FreeCAD solid."""
+
+from __future__ import annotations
+
+import logging
+import os
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.assembly import build_surface
+from ..core.catmull_clark import catmull_clark
+from ..core.polygons import SHARP, PolygonMesh, bilinear_faces, bodies, mended
+from ..core.smooth_quads import smooth_quads
+from ..core.surface import SplineFace
+from ..errors import FaultError, InputError
+from .polygon_files import read_polygons
+from .shapes import Body, read_shape
+
+logger = logging.getLogger(__name__)
+
+SCHEMES = ("auto", "bilinear", "catmull-clark", "smooth")
+"""Ways from a mesh to patches."""
+STEPS = (0, 5)
+"""Subdivisions that may be asked for."""
+
+
+@dataclass(frozen=True)
+class Surfacing:
+    """How a mesh becomes patches.
+
+    Attributes
+    ----------
+    scheme : {"auto", "bilinear", "catmull-clark", "smooth"}
+        One bilinear patch a quad; the Catmull-Clark surface of a cage, with creases; or a smooth
+        bicubic surface without creases. "auto": Catmull-Clark where the file has creases or other
+        faces than quads, else bilinear.
+    steps : int or None
+        Subdivisions first; None: as many as the scheme needs, and one for Catmull-Clark.
+    sharp_angle : float
+        Edges of the cage whose faces turn by more, degrees, are creases of Catmull-Clark; 0: only
+        those that the file names.
+
+    Raises
+    ------
+    InputError
+        A value is out of its range.
+    """
+
+    scheme: str = "auto"
+    steps: int | None = None
+    sharp_angle: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.scheme not in SCHEMES:
+            raise InputError(
+                f"scheme is {self.scheme!r}", remedy=f"choose one of {', '.join(SCHEMES)}"
+            )
+        if self.steps is not None and not STEPS[0] <= self.steps <= STEPS[1]:
+            raise InputError(
+                f"{self.steps} subdivisions", remedy=f"choose {STEPS[0]} to {STEPS[1]} of them"
+            )
+        if not 0.0 <= self.sharp_angle < 180.0:
+            raise InputError(
+                f"the sharp angle is {self.sharp_angle:g} degrees",
+                remedy="choose an angle from 0 to 180 degrees",
+            )
+
+
+@dataclass(frozen=True)
+class MeshBody:
+    """One body of a mesh file.
+
+    Attributes
+    ----------
+    mesh : PolygonMesh
+        The cage, mended.
+    body : Body
+    figures : dict
+        ``scheme``, ``quads``, ``distance`` (of the limit surface, mm) and ``normal_jump`` (rad)
+        where the scheme knows them.
+    notes : tuple of str
+        What was mended, and how the patches were made.
+    """
+
+    mesh: PolygonMesh = field(repr=False)
+    body: Body
+    figures: dict[str, Any]
+    notes: tuple[str, ...] = ()
+
+
+def read_mesh(path: str | os.PathLike, surfacing: Surfacing | None = None) -> list[MeshBody]:
+    """Bodies of an OBJ, OFF or PLY file, one for each outer skin of its mesh.
+
+    Parameters
+    ----------
+    path : path
+    surfacing : Surfacing, optional
+
+    Raises
+    ------
+    InputError
+        One of its kinds, naming elements of the file: it cannot be read, the mesh is not closed or
+        cannot be mended, or the scheme does not take its faces.
+    """
+    surfacing = surfacing or Surfacing()
+    path = Path(path)
+    mesh = read_polygons(path)
+    scheme = surfacing.scheme
+    if scheme == "auto":
+        curved = len(mesh.creases) or (mesh.sizes != 4).any()
+        scheme = "catmull-clark" if curved else "bilinear"
+    cage = scheme != "bilinear"
+    found = bodies(mended(mesh, cage=cage), cage=cage)
+    names = [path.stem] if len(found) == 1 else [f"{path.stem}_{k + 1}" for k in range(len(found))]
+    return [
+        _surfaced(part, name, scheme, surfacing) for part, name in zip(found, names, strict=True)
+    ]
+
+
+def _surfaced(mesh: PolygonMesh, name: str, scheme: str, surfacing: Surfacing) -> MeshBody:
+    from ..exports.step import solid_of
+
+    figures: dict[str, Any] = {"scheme": scheme}
+    faces: list[SplineFace]
+    if scheme == "bilinear":
+        if surfacing.steps:
+            raise InputError(
+                f"{surfacing.steps} subdivisions of bilinear patches",
+                remedy="choose Catmull-Clark or smooth to subdivide",
+            )
+        faces, words = bilinear_faces(mesh), "one bilinear patch a quad"
+        figures["quads"] = len(mesh)
+    elif scheme == "catmull-clark":
+        made = catmull_clark(_creased(mesh, surfacing.sharp_angle), _steps(surfacing, 1))
+        faces = list(made.faces)
+        figures |= {
+            "quads": made.quads, "distance": made.distance, "normal_jump": made.normal_jump,
+        }  # fmt: skip
+        words = (
+            f"Catmull-Clark, {made.quads} quads in {len(faces)} patches, at most"
+            f" {made.distance:.2g} mm from the limit surface, normals turn by"
+            f" {np.degrees(made.normal_jump):.2g} degrees at most at sides"
+        )
+    else:
+        smooth = smooth_quads(mesh, _steps(surfacing, 0))
+        faces = list(smooth.faces)
+        figures |= {"quads": smooth.quads, "normal_jump": smooth.normal_jump}
+        words = (
+            f"smooth, {smooth.quads} quads in {len(faces)} patches, normals turn by"
+            f" {smooth.normal_jump:.1g} rad at most at sides"
+        )
+    surface = build_surface(faces)
+    try:
+        (body,) = read_shape(solid_of(surface), name)
+    except FaultError as fault:
+        raise InputError(
+            f"the patches make no solid for FreeCAD ({fault.message})",
+            remedy="look for faces of the mesh that are nearly flat or cut each other",
+        ) from fault
+    if body.error is None and len(body.faces) != len(faces):
+        raise FaultError(f"FreeCAD has {len(body.faces)} of {len(faces)} faces")
+    return MeshBody(mesh, body, figures, (*mesh.notes, words))
+
+
+def _steps(surfacing: Surfacing, default: int) -> int:
+    return default if surfacing.steps is None else surfacing.steps
+
+
+def _creased(mesh: PolygonMesh, angle: float) -> PolygonMesh:
+    """The cage with edges that are sharper than an angle as creases too."""
+    if not angle:
+        return mesh
+    ends, edge = mesh.edges
+    order = np.argsort(edge, kind="stable").reshape(-1, 2)
+    normal = mesh.area_vectors()
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    one, other = (normal[mesh.face_of[order[:, k]]] for k in (0, 1))
+    turn = np.degrees(
+        np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), (one * other).sum(axis=1))
+    )
+    sharp = ends[turn > angle]
+    return replace(
+        mesh,
+        creases=np.concatenate([mesh.creases, sharp]),
+        sharpness=np.concatenate([mesh.sharpness, np.full(len(sharp), SHARP)]),
+    )
