@@ -2,9 +2,8 @@
 # SPDX-FileCopyrightText: The HybridVolume authors
 """Quality of a finite element mesh: element by element, and summed up by group.
 
-All figures are those of the curved elements. Where two faces of an element meet in an edge, their
-normals are gradients of reference coordinates, that is columns of the cofactors of dx/dxi; so
-angles, edges and areas all come from Jacobians at points of the edges and of the faces.
+All figures are those of the curved elements: derivatives of the map along the edges, and from them
+into the two faces that meet there, give lengths and angles; derivatives along the faces give areas.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .element_jacobians import volumes
-from .elements import EDGES, FACES, jacobians, quadrature, reference
+from .elements import EDGES, FACES, gauss_line, quadrature, reference, shape_gradients
 
 if TYPE_CHECKING:
     from .finite_elements import FiniteElementMesh
@@ -27,7 +26,8 @@ BINS = 20
 SHELL, CORE, ALL = "Shell", "Core", "All"
 """Groups: the wedges, the tets, and both together."""
 
-_CHUNK = 4096
+_CHUNK = 512
+"""Elements at once, so that what is computed for them stays in the cache."""
 _ALONG = np.array([0.0, 0.5 - np.sqrt(3.0 / 28.0), 0.5, 0.5 + np.sqrt(3.0 / 28.0), 1.0])
 _ALONG_WEIGHTS = np.array([9.0, 49.0, 64.0, 49.0, 9.0]) / 180.0
 """Lobatto's rule on an edge: its ends and its middle are among the points."""
@@ -303,80 +303,88 @@ def element_figures(
 
 
 @cache
-def _faces_of_edges(kind: str) -> tuple[tuple[int, int], ...]:
-    """The two faces that meet in each edge of a kind, by their places in `FACES`."""
-    corners = [set(face) for face in FACES[kind]]
-    return tuple(
-        tuple(number for number, face in enumerate(corners) if face.issuperset(edge))
-        for edge in EDGES[kind]
-    )
+def _edge_derivatives(kind: str) -> np.ndarray:
+    """Weights of the nodes in derivatives at points of the edges, (n, 3 * edges * points).
 
-
-@cache
-def _normals(kind: str) -> np.ndarray:
-    """Outward normal of each face of the reference element, (nf, 3)."""
+    Three a point: along the edge, and from it into one and the other of the faces that meet there,
+    which are a right-handed frame.
+    """
     nodes = reference(kind).nodes
-    rows = []
-    for face in FACES[kind]:
-        a, b, c = nodes[list(face[:3])]
-        normal = np.cross(b - a, c - a)
-        rows.append(normal / np.abs(normal).max())
-    return np.array(rows)
-
-
-def _cofactors(j: np.ndarray) -> np.ndarray:
-    """Cofactor matrices of (..., 3, 3) matrices: det J times the inverse transposed."""
-    a, b, c = j[..., 0], j[..., 1], j[..., 2]
-    return np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)
+    columns = []
+    for edge in EDGES[kind]:
+        start, along = nodes[edge[0]], nodes[edge[1]] - nodes[edge[0]]
+        into = []
+        for face in FACES[kind]:
+            corners = face[: len(face) // 2] if len(face) > 4 else face
+            if set(edge) <= set(corners):
+                # the corner next to the edge's start that is not its end
+                at = corners.index(edge[0])
+                beside = {corners[at - 1], corners[(at + 1) % len(corners)]} - {edge[1]}
+                into.append(nodes[beside.pop()] - start)
+        if np.linalg.det([along, *into]) < 0.0:
+            into.reverse()
+        gradients = shape_gradients(kind, start + _ALONG[:, None] * along)
+        columns.append(np.einsum("qnd,kd->nkq", gradients, [along, *into]))
+    return np.stack(columns, axis=2).reshape(len(nodes), -1)
 
 
 def _edges(kind: str, coordinates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Lengths of the edges, (m, ne), and smallest and largest dihedral angle, (m, 2), degrees."""
-    nodes = reference(kind).nodes
-    pairs = np.array(EDGES[kind])
-    first, along = nodes[pairs[:, 0]], nodes[pairs[:, 1]] - nodes[pairs[:, 0]]
-    points = first[:, None] + _ALONG[:, None] * along[:, None]
-    j = jacobians(kind, coordinates, points.reshape(-1, 3))
-    j = j.reshape(len(coordinates), len(pairs), len(_ALONG), 3, 3)
-    speed = np.linalg.norm(np.einsum("epqcd,pd->epqc", j, along), axis=3)
-    faces = np.array(_faces_of_edges(kind))
-    normals = np.einsum("epqcd,psd->epqsc", _cofactors(j), _normals(kind)[faces])
-    one, other = normals[..., 0, :], normals[..., 1, :]
-    # the angle between the faces, measured inside, from sine and cosine: exact where it is small
-    angle = np.pi - np.arctan2(
-        np.linalg.norm(np.cross(one, other), axis=-1), np.einsum("...c,...c", one, other)
-    )
-    angle = np.degrees(angle).reshape(len(coordinates), -1)
-    return speed @ _ALONG_WEIGHTS, np.column_stack([angle.min(axis=1), angle.max(axis=1)])
+    along, one, other = _derivatives(coordinates, _edge_derivatives(kind), 3)
+    square = _dot(along, along)
+    length = np.sqrt(square)
+    sine = length * _dot(along, _cross(one, other))
+    cosine = square * _dot(one, other) - _dot(along, one) * _dot(along, other)
+    # from sine and cosine it is exact where it is small; a negative one would be of an element
+    # that is turned inside out
+    angle = np.degrees(np.arctan2(sine, cosine)) % 360.0
+    lengths = length.reshape(len(coordinates), -1, len(_ALONG)) @ _ALONG_WEIGHTS
+    return lengths, np.column_stack([angle.min(axis=1), angle.max(axis=1)])
 
 
 @cache
-def _face_rules(kind: str) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Points and weights on each face of the reference element; weights carry its normal."""
+def _face_derivatives(kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """The same for two derivatives along each face, and the weights of the points, (nf, points)."""
     nodes = reference(kind).nodes
-    rules = []
+    columns, weights = [], []
     for face in FACES[kind]:
-        quad = len(face) in (4, 8)
-        at = list(face[:4] if quad else face[:3])
-        a, b, c = nodes[at[0]], nodes[at[1]], nodes[at[-1]]
-        x, w = quadrature("tri", 3)
-        if quad:
-            line, weight = np.polynomial.legendre.leggauss(3)
-            r, s = np.meshgrid(0.5 * (line + 1.0), 0.5 * (line + 1.0))
-            x, w = np.column_stack([r.ravel(), s.ravel()]), np.outer(weight, weight).ravel() / 4.0
-        points = a + x[:, :1] * (b - a) + x[:, 1:] * (c - a)
-        rules.append((points, w[:, None] * np.cross(b - a, c - a)))
-    return rules
+        corners = face[: len(face) // 2] if len(face) > 4 else face
+        start = nodes[corners[0]]
+        sides = nodes[[corners[1], corners[-1]]] - start
+        points, w = quadrature("tri", 2)
+        if len(corners) == 4:
+            x, one = gauss_line(2)
+            points = np.column_stack([np.repeat(x, 2), np.tile(x, 2)])
+            w = np.outer(one, one).ravel()
+        gradients = shape_gradients(kind, start + points @ sides)
+        columns.append(np.einsum("qnd,kd->nkq", gradients, sides))
+        weights.append(w)
+    return np.stack(columns, axis=2).reshape(len(nodes), -1), np.array(weights)
 
 
 def _face_areas(kind: str, coordinates: np.ndarray) -> np.ndarray:
     """Areas of the curved faces, (m, nf), mm²."""
-    areas = []
-    for points, weighted in _face_rules(kind):
-        cofactors = _cofactors(jacobians(kind, coordinates, points))
-        normals = np.einsum("eqcd,qd->eqc", cofactors, weighted)
-        areas.append(np.linalg.norm(normals, axis=2).sum(axis=1))
-    return np.column_stack(areas)
+    derivatives, weights = _face_derivatives(kind)
+    normal = _cross(*_derivatives(coordinates, derivatives, 2))
+    size = np.sqrt(_dot(normal, normal)).reshape(len(coordinates), *weights.shape)
+    return np.einsum("efq,fq->ef", size, weights)
+
+
+def _derivatives(coordinates: np.ndarray, weights: np.ndarray, count: int) -> np.ndarray:
+    """Derivatives of the map, (count, 3, m, places)."""
+    found = coordinates.transpose(2, 0, 1).reshape(-1, len(weights)) @ weights
+    return found.reshape(3, len(coordinates), count, -1).transpose(2, 0, 1, 3)
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Cross product of vectors whose components come first; np.cross is far slower."""
+    return np.stack(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )
 
 
 def _aspect(kind: str, length: np.ndarray, area: np.ndarray, volume: np.ndarray) -> np.ndarray:
