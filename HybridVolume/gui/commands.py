@@ -12,15 +12,22 @@ from PySide import QtCore
 from PySide.QtCore import QT_TRANSLATE_NOOP
 
 import HybridVolume
-from HybridVolume.errors import HybridVolumeError
+from HybridVolume.errors import HybridVolumeError, InputError
 
-from .analysis_commands import ANALYSIS, STRESS, AnalysisCommand, StressCommand
+from .analysis_commands import (
+    ANALYSIS,
+    SOLVE,
+    STRESS,
+    AnalysisCommand,
+    SolveCommand,
+    StressCommand,
+)
 
 CREATE = "HybridVolume_Create"
 QUALITY = "HybridVolume_Quality"
 MESH = "HybridVolume_Mesh"
 CLEAR = "HybridVolume_ClearRed"
-NAMES = [CREATE, QUALITY, CLEAR, MESH, ANALYSIS, STRESS]
+NAMES = [CREATE, QUALITY, CLEAR, MESH, ANALYSIS, SOLVE, STRESS]
 
 
 class CreateCommand:
@@ -88,12 +95,17 @@ class MeshCommand:
         }
 
     def IsActive(self) -> bool:
-        """Tell whether a result is meant and no panel is open."""
-        return not FreeCADGui.Control.activeDialog() and computed_volume() is not None
+        """Tell whether a document is open, and no panel."""
+        return FreeCAD.ActiveDocument is not None and not FreeCADGui.Control.activeDialog()
 
     def Activated(self) -> None:
-        """Open the panel."""
-        open_mesh_soon(computed_volume())
+        """Open the panel, or say which volume is missing."""
+        from . import messages
+
+        try:
+            open_mesh_soon(meant_volume())
+        except InputError as error:
+            messages.tell("FEM mesh", error.line)
 
 
 class ClearCommand:
@@ -140,6 +152,36 @@ def computed_volume() -> Any | None:
         (one,) = selected
         volumes = [obj for obj in volumes if one is obj or one in obj.OutList]
     return volumes[0] if len(volumes) == 1 else None
+
+
+def meant_volume() -> Any:
+    """The volume with a result that is meant; see :func:`computed_volume`.
+
+    Raises
+    ------
+    InputError
+        None is meant; the error says why.
+    """
+    found = computed_volume()
+    if found is not None:
+        return found
+    doc, selected = FreeCAD.ActiveDocument, FreeCADGui.Selection.getSelection()
+    volumes = [obj for obj in doc.findObjects("App::FeaturePython") if is_volume(obj)]
+    computed = [obj for obj in volumes if obj.Result]
+    if not computed:
+        raise InputError(
+            "there is no completed volume in this document",
+            remedy="select a body and press Complete the volume first",
+        )
+    if len(selected) == 1:
+        raise InputError(
+            f"{selected[0].Label} is no hybrid volume, and none of one body",
+            remedy="select a hybrid volume in the tree",
+        )
+    raise InputError(
+        f"it is not clear which of {len(computed)} hybrid volumes is meant",
+        remedy="select one of them in the tree, and nothing else",
+    )
 
 
 def open_quality_soon(volume: Any, *, inner: bool = False) -> None:
@@ -339,15 +381,33 @@ def _body_of(obj: Any) -> Any:
     return parent if parent is not None and parent.isDerivedFrom("PartDesign::Body") else obj
 
 
+_COMMANDS = dict(
+    zip(
+        NAMES,
+        (
+            *(CreateCommand(), QualityCommand(), ClearCommand(), MeshCommand()),
+            *(AnalysisCommand(), SolveCommand(), StressCommand()),
+        ),
+        strict=True,
+    )
+)
+
+
+def resources(name: str) -> dict[str, str]:
+    """Icon and texts of a command."""
+    return _COMMANDS[name].GetResources()
+
+
 def register() -> list[str]:
-    """Make the commands known to FreeCAD and return their names."""
+    """Make the commands known to FreeCAD, if they are not yet, and return their names."""
+    from . import fem_workbench
+
     # FreeCAD begins the macro of a command with an import of the file that made the command known,
     # by its bare name. "import commands" would fail; "import HybridVolume" is what is needed.
     line = compile("add(name, command)", f"{HybridVolume.__name__}.py", "exec")
-    commands = (
-        *(CreateCommand(), QualityCommand(), ClearCommand()),
-        *(MeshCommand(), AnalysisCommand(), StressCommand()),
-    )
-    for name, command in zip(NAMES, commands, strict=True):
-        exec(line, {"add": FreeCADGui.addCommand, "name": name, "command": command})
+    known = set(FreeCADGui.listCommands())
+    for name, command in _COMMANDS.items():
+        if name not in known:
+            exec(line, {"add": FreeCADGui.addCommand, "name": name, "command": command})
+    fem_workbench.install()
     return NAMES

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import FreeCADGui
@@ -61,6 +62,34 @@ def tell(title: str, text: str) -> Any:
     box.setIcon(QtGui.QMessageBox.Information)
     box.setWindowTitle(f"{TITLE}: {title}")
     box.setText(text)
+    box.open()
+    return box
+
+
+def offer(error: HybridVolumeError, what: str, accepted: Callable[[], None]) -> Any:
+    """Show an error beside the living window, with a button that does what would help.
+
+    Parameters
+    ----------
+    error : HybridVolumeError
+    what : str
+        On the button.
+    accepted : callable()
+
+    Returns
+    -------
+    QMessageBox
+    """
+    box = QtGui.QMessageBox(FreeCADGui.getMainWindow())
+    box.setAttribute(QtCore.Qt.WA_DeleteOnClose)
+    box.setIcon(QtGui.QMessageBox.Warning)
+    box.setWindowTitle(TITLE)
+    box.setTextFormat(QtCore.Qt.PlainText)
+    box.setText(error.line)
+    button = box.addButton(what, QtGui.QMessageBox.AcceptRole)
+    box.addButton(QtGui.QMessageBox.Cancel)
+    # Later: the window is still closing.
+    button.clicked.connect(lambda *_: QtCore.QTimer.singleShot(0, accepted))
     box.open()
     return box
 

@@ -101,6 +101,13 @@ class MeshView(ViewProvider):
         super().__init__(view)
         _paint(view, self.COLOUR)
 
+    def attach(self, view: Any) -> None:
+        """Take over a view object; the FEM workbench gets what it lacks for such meshes."""
+        from . import fem_workbench
+
+        super().attach(view)
+        fem_workbench.install()
+
     def doubleClicked(self, view: Any) -> bool:
         """Open the panel that tells its quality and makes another one."""
         from . import commands

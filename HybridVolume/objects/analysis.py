@@ -212,29 +212,77 @@ def solve(analysis: Any, folder: str | os.PathLike | None = None) -> Any:
     HybridVolumeError
         The first of `problems`, or what the solver or the FEM workbench complained of.
     """
-    from femtools import ccxtools
-
-    from .stress import recover_stress
-
     for problem in problems(analysis):
         raise problem
     with contextlib.ExitStack() as stack:
         if folder is None:
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="hybridvolume_"))
         os.makedirs(folder, exist_ok=True)
-        run = ccxtools.FemToolsCcx(analysis, require_static(analysis), test_mode=False)
-        run.update_objects()
-        run.setup_working_dir(str(folder))
-        run.setup_ccx(find_calculix())
-        complaint = run.check_prerequisites().strip()
-        if complaint:
-            raise InputError(
-                f"{analysis.Label} cannot be solved: {' '.join(complaint.split())}",
-                remedy="complete the analysis",
-            )
-        run.purge_results()
-        run.write_inp_file()
+        run = prepare_run(analysis, folder)
         failed = run.ccx_run()
+        return take_results(analysis, run, failed=bool(failed))
+
+
+def prepare_run(analysis: Any, folder: str | os.PathLike) -> Any:
+    """Write the solver's input; what the solver left before is removed from the analysis.
+
+    Parameters
+    ----------
+    analysis : App.DocumentObject
+        Without `problems`.
+    folder : path
+        It exists.
+
+    Returns
+    -------
+    femtools.ccxtools.FemToolsCcx
+        Its ``inp_file_name`` is what CalculiX is to be given.
+
+    Raises
+    ------
+    InputError
+        The FEM workbench complains.
+    """
+    from femtools import ccxtools
+
+    run = ccxtools.FemToolsCcx(analysis, require_static(analysis), test_mode=False)
+    run.update_objects()
+    run.setup_working_dir(str(folder))
+    run.setup_ccx(find_calculix())
+    complaint = run.check_prerequisites().strip()
+    if complaint:
+        raise InputError(
+            f"{analysis.Label} cannot be solved: {' '.join(complaint.split())}",
+            remedy="complete the analysis",
+        )
+    run.purge_results()
+    run.write_inp_file()
+    return run
+
+
+def take_results(analysis: Any, run: Any, *, failed: bool = False) -> Any:
+    """Load what the solver wrote, and add the accurate stresses.
+
+    Parameters
+    ----------
+    analysis : App.DocumentObject
+    run : femtools.ccxtools.FemToolsCcx
+        Of `prepare_run`, after the solver.
+    failed : bool
+        Whether the solver said so.
+
+    Returns
+    -------
+    App.DocumentObject
+        As of `solve`.
+
+    Raises
+    ------
+    HybridVolumeError
+    """
+    from .stress import recover_stress
+
+    if not failed:
         run.load_results()
     solved = [one for one in analysis.Group if one.isDerivedFrom("Fem::FemResultObject")]
     if failed or not solved:
