@@ -17,6 +17,8 @@ from .elements import EDGES, FACES, quadrature, reference, shape_functions, shap
 CREASE = 30.0
 """Degrees between the normals of two triangles from which their common edge is sharp."""
 
+SEAM = 5.0
+"""The same for a common edge of two CAD faces that are joined."""
 STEEPEST = 60.0
 """Degrees between normals around a point up to which it is seen from its tangent plane."""
 _NEAR = 0.03
@@ -83,6 +85,15 @@ def free_facets(
 class BoundarySurface:
     """Smooth faces of a boundary and their points: a node on a sharp edge is a point of each face.
 
+    Parameters
+    ----------
+    nodes : (n, 3) array
+        mm
+    boundary : Boundary
+    join : bool
+        CAD faces that continue each other smoothly are one face; else each is one of its own, or
+        several where sharp edges cut it.
+
     Attributes
     ----------
     points : (nt, k) int array
@@ -97,10 +108,11 @@ class BoundarySurface:
         MPa, where it is known for certain; else nan.
     """
 
-    def __init__(self, nodes: np.ndarray, boundary: Boundary) -> None:
+    def __init__(self, nodes: np.ndarray, boundary: Boundary, *, join: bool = False) -> None:
         self.triangles = np.asarray(boundary.triangles)
         self.others = np.asarray(boundary.others, dtype=int)
         self._nodes = nodes
+        self.whole: BoundarySurface | None = None
         self.kind = f"tri{self.triangles.shape[1]}"
         places = reference(self.kind).nodes
         self._gradients = shape_gradients(self.kind, places)
@@ -108,7 +120,7 @@ class BoundarySurface:
         cross = np.cross(self._tangents[..., 0], self._tangents[..., 1])
         length = np.linalg.norm(cross, axis=2, keepdims=True)
         normals = cross / np.where(length > 0.0, length, 1.0)
-        self.points, self.point_node = self._split(normals, boundary.face)
+        self.points, self.point_node = self._split(normals, boundary.face, join)
         self.point_face, self.faces = self._components()
         self.position = nodes[self.point_node]
         self.normal = _unit(self._mean(normals))
@@ -128,12 +140,22 @@ class BoundarySurface:
             exact = _unit(self._mean(np.where(known, boundary.normals, 0.0)))
             self._turn(np.where(share > 0.0, exact, self.normal))
 
+    def look_along(self, whole: BoundarySurface) -> None:
+        """Take normals and frames of another surface of the same triangles, joined across seams."""
+        self.whole = whole
+        place = np.empty(len(self.point_node), dtype=np.int64)
+        place[self.points.ravel()] = whole.points.ravel()
+        self._turn(whole.normal[place])
+        self._place = place
+
     def _turn(self, normal: np.ndarray) -> None:
         """Take better normals."""
         self.normal = normal
         self.__dict__.pop("frame", None)
 
-    def _split(self, normals: np.ndarray, face: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    def _split(
+        self, normals: np.ndarray, face: np.ndarray | None, join: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Points of the triangles: corners of triangles that meet smoothly are one."""
         triangles = self.triangles
         count, width = triangles.shape
@@ -154,9 +176,11 @@ class BoundarySurface:
         right = owner[other][:, None] * width + place
         flat = normals.reshape(-1, 3)
         smooth = np.einsum("emc,emc->em", flat[left], flat[right]).min(axis=1)
-        smooth = smooth > np.cos(np.radians(CREASE))
+        within = np.ones(len(one), dtype=bool)
         if face is not None:
-            smooth &= np.asarray(face)[owner[one]] == np.asarray(face)[owner[other]]
+            within = np.asarray(face)[owner[one]] == np.asarray(face)[owner[other]]
+        limit = np.where(within, CREASE, SEAM if join else 0.0)
+        smooth = (smooth > np.cos(np.radians(limit))) & (within | join)
         left, right = left[smooth].ravel(), right[smooth].ravel()
         graph = sp.coo_matrix((np.ones(len(left)), (left, right)), (count * width,) * 2)
         total, label = csgraph.connected_components(graph, directed=False)
@@ -241,6 +265,8 @@ class BoundarySurface:
 
     def tangential_strain(self, displacement: np.ndarray) -> np.ndarray:
         """Strain along the surface in the frame's tangents: 11, 22, 12, (np, 3)."""
+        if self.whole is not None:
+            return self.whole.tangential_strain(displacement)[self._place]
         slope = np.einsum("tnc,mnd->tmcd", displacement[self.triangles], self._gradients)
         inverse = np.linalg.pinv(self._tangents, rcond=1e-6)
         gradient = self._mean((slope @ inverse).reshape(len(slope), -1, 9)).reshape(-1, 3, 3)

@@ -25,7 +25,7 @@ _MARGIN = 1.5
 _FLATTEST = 1e-3
 """Smallest extent of a patch in a direction over its largest that is scaled away."""
 _ECHO = 0.15
-"""Share of a sample's error that a polynomial gives back at a node, at most, to be trusted there."""
+"""Largest share of a sample's error that comes back at a node whose polynomial is trusted."""
 _SINGULAR = 1e-8
 """Smallest eigenvalue of a patch's equations over the largest."""
 

@@ -295,6 +295,8 @@ def _on_boundary(
 ) -> tuple[np.ndarray, tuple[tuple[int, str], ...]]:
     """Strain at the nodes, on the boundary with loads and the surface's displacement."""
     surface = BoundarySurface(nodes, boundary)
+    if boundary.face is not None:
+        surface.look_along(BoundarySurface(nodes, boundary, join=True))
     forces = nodal_forces(nodes, elements, displacement, material.stress)
     inside = np.flatnonzero((forces.weight != 0.0) & ~outside)
     force = without_body_force(forces, inside)
