@@ -155,18 +155,16 @@ def told_volume(name):
 
 def test_another_mesh_of_a_volume():
     """The real worker: the same shell bit for bit, and the mesh of a density."""
-    try:
-        python = protocol.worker_python()
-    except SetupError as missing:
-        pytest.skip(missing.line)
     volume = told_volume("sphere")
     options = {"order": 1, "subdivide": 2}
-    with Job([], goal="mesh", volume=volume, options=options, exports=("inp",), python=python) as j:
+    with Job(
+        [], goal="mesh", volume=volume, options=options, exports=("inp",), python=sys.executable
+    ) as j:
         again = j.run()
         report = j.report()
         deck = j.exported("inp").read_text()
     # what is not asked for stays as it is
-    third = HybridVolume.remesh(again, fem_layers=1, python=python)
+    third = HybridVolume.remesh(again, fem_layers=1, python=sys.executable)
     assert (third.fem.order, third.fem.density.subdivide, third.fem.density.layers) == (1, 2, 1)
     assert np.array_equal(again.shell.layers, volume.shell.layers)
     assert np.array_equal(again.certificate.min_bernstein, volume.certificate.min_bernstein)
@@ -184,13 +182,9 @@ def test_another_mesh_of_a_volume():
 
 @pytest.mark.parametrize("options", [{"size": -1.0}, {"face_sizes": {"Face99": 0.1}}])
 def test_a_density_that_does_not_fit_is_refused(options):
-    try:
-        python = protocol.worker_python()
-    except SetupError as missing:
-        pytest.skip(missing.line)
     volume = told_volume("sphere")
     with (
-        Job([], goal="mesh", volume=volume, options=options, python=python) as job,
+        Job([], goal="mesh", volume=volume, options=options, python=sys.executable) as job,
         pytest.raises(InputError) as caught,
     ):
         job.run()
