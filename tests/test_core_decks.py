@@ -13,16 +13,13 @@ import pytest
 from bodies import box
 from shells import exact_volume, make_volume, shell_towards
 
+from HybridVolume.core import element_jacobians as ej
 from HybridVolume.core import hexahedra
 from HybridVolume.core.assembly import build_surface
 from HybridVolume.core.elements import jacobians, quadrature, reference, shape_functions
 from HybridVolume.core.finite_elements import build_finite_elements
-from HybridVolume.core.hexahedra import (
-    bezier_hexahedra,
-    element_volumes,
-    hexahedral_mesh,
-)
-from HybridVolume.core.validity import certify
+from HybridVolume.core.hex_jacobians import bezier_hexahedra
+from HybridVolume.core.hexahedra import hexahedral_mesh
 from HybridVolume.errors import FaultError, InputError
 from HybridVolume.exports.inp import Material, deck_of, nodal_forces, set_names, write_inp
 
@@ -175,9 +172,9 @@ def test_ccx_has_the_same_volumes_and_surfaces(tmp_path, name, kind):
     # a node that follows others is not held itself
     text = re.sub(r"\*EQUATION\n(?:[-\d.,]+\n)+", "", model(tmp_path, mesh))
     table = run(tmp_path, text + held + asked + "*END STEP\n")
-    volumes = re.findall(r"total volume .*\n\s*\n\s*(\S+)", table)
-    for part, found in zip(("Shell", "Core"), volumes, strict=True):
-        own = [element_volumes(k, mesh.nodes[c]).sum() for p, k, c in deck.parts if p == part]
+    printed = re.findall(r"total volume .*\n\s*\n\s*(\S+)", table)
+    for part, found in zip(("Shell", "Core"), printed, strict=True):
+        own = [ej.volumes(k, mesh.nodes[c]).sum() for p, k, c in deck.parts if p == part]
         # six digits are printed; few points integrate a curved wedge's volume
         assert float(found) == pytest.approx(sum(own), rel=1e-5 if name == "box" else 2e-3)
     places = [m.start() for m in re.finditer("statistics for surface set", table)]
@@ -309,15 +306,24 @@ def test_bezier_form_of_hexahedra():
     exact = np.einsum("pn,enc->epc", shape_functions("hex20", points), many - many[:, :1])
     assert np.allclose(found, exact, atol=1e-13)
     # what is proved has no folded sample; samples find some that are not proved
-    lattice = quadrature("hex", 7)[0]
+    lattice = np.concatenate([quadrature("hex", 7)[0], nodes])
     least = np.linalg.det(jacobians("hex20", many, lattice)).min(axis=1)
-    status = certify([elements]).status
-    assert (least[status > 0] > 0.0).all() and (status[least < 0.0] <= 0).all()
-    assert np.count_nonzero(status > 0) >= 15 and np.count_nonzero(status < 0) >= 10
-    # volume by another rule
+    proof = ej.prove_positive("hex20", many)
+    assert (least[proof.proved] >= proof.lower_bound[proof.proved]).all()
+    assert (proof.lower_bound[proof.proved] > 0.0).all()
+    assert (proof.status[least < 0.0] == ej.INVALID).all()
+    assert np.count_nonzero(proof.proved) >= 15
+    assert np.count_nonzero(proof.status == ej.INVALID) >= 10
+    # volume by another rule; a box has every figure exactly
     points, weights = quadrature("hex", 5)
     by_more = np.linalg.det(jacobians("hex20", many, points)) @ weights
-    assert np.allclose(element_volumes("hex20", many), by_more, rtol=1e-12)
+    assert np.allclose(ej.volumes("hex20", many), by_more, rtol=1e-12)
+    box_nodes = nodes[None] * [3.0, 2.0, 1e-3] + 1e4
+    bound = ej.prove_positive("hex20", box_nodes).lower_bound
+    assert bound == pytest.approx(6e-3, rel=1e-6) and ej.scaled_jacobian("hex20", box_nodes) > 0.999
+    assert ej.relative_bound("hex20", box_nodes, bound) == pytest.approx(1.0, rel=1e-6)
+    with pytest.raises(ValueError, match="hex8"):
+        ej.prove_positive("hex8", box_nodes[:, :8])
 
 
 def test_columns_beside_elements_that_would_fold_stay_wedges():

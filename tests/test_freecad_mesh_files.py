@@ -26,7 +26,7 @@ import Fem
 import HybridVolume
 from HybridVolume.core.element_jacobians import scaled_jacobian, volumes
 from HybridVolume.core.elements import from_order
-from HybridVolume.core.hexahedra import element_volumes, hexahedral_mesh
+from HybridVolume.core.hexahedra import hexahedral_mesh
 from HybridVolume.core.hybrid import HybridVolume as HV
 from HybridVolume.environment import interpreter
 from HybridVolume.exports import med
@@ -58,7 +58,7 @@ def volumes_of(found):
         kind = kinds[len(row)]
         x = np.array([tuple(nodes[node]) for node in row])
         x = x[from_order("freecad", kind, np.arange(len(row))[None])[0]]
-        sizes[element] = float(element_volumes(kind, x[None])[0])
+        sizes[element] = float(volumes(kind, x[None])[0])
     return sizes
 
 

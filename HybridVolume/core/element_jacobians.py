@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""Proved positivity, volume and quality of curved tets and wedges.
+"""Proved positivity, volume and quality of curved tets, wedges and hexahedra.
 
 The determinant of a curved element is a polynomial. In Bernstein form its coefficients bound it
 from below, so that positive coefficients prove the element valid at every point: 20 coefficients
 of degree 3 for tet10, 15 x 6 of degree (4, 5) for penta15, whose derivatives along the triangle
 are of degree (1, 2) and along the line of degree (2, 1). Elements that the coefficients do not
-decide are subdivided (Johnen, Remacle and Geuzaine 2013).
+decide are subdivided (Johnen, Remacle and Geuzaine 2013). Hexahedra are those of `hex_jacobians`.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from math import comb, factorial
 import numpy as np
 
 from .elements import jacobians, reference, shape_functions
+from .hex_jacobians import hexahedron_quality, hexahedron_volumes, prove_hexahedra
 
 VALID, UNDECIDED, INVALID = 1, 0, -1
 """Answers of the proof; undecided counts as not proved."""
@@ -194,6 +195,8 @@ class _Determinant:
 
 @cache
 def _determinant(kind: str) -> _Determinant:
+    if not kind.startswith(("tet", "penta")):
+        raise ValueError(f"there is no Bernstein form of det J for {kind}")
     degree = 1 if kind in ("tet4", "penta6") else 2
     wedge = kind.startswith("penta")
     form = _Form(2, degree, degree) if wedge else _Form(3, degree, 0)
@@ -282,12 +285,14 @@ def prove_positive(kind: str, coordinates: np.ndarray, depth: int = 5) -> Jacobi
 
     Parameters
     ----------
-    kind : {"tet4", "tet10", "penta6", "penta15", "penta18"}
+    kind : {"tet4", "tet10", "penta6", "penta15", "penta18", "hex20"}
     coordinates : (ne, n, 3) array
         Node coordinates, mm.
     depth : int
         How often an element that is not decided is cut into eight.
     """
+    if kind == "hex20":
+        return JacobianProof(*prove_hexahedra(coordinates))
     table = _determinant(kind)
     corners = table.form.corners
     coefficients, rounding = bernstein_coefficients(kind, coordinates)
@@ -321,6 +326,8 @@ def prove_positive(kind: str, coordinates: np.ndarray, depth: int = 5) -> Jacobi
 
 def volumes(kind: str, coordinates: np.ndarray) -> np.ndarray:
     """Signed volume of each element, exact (mean of the Bernstein coefficients), (ne,), mm^3."""
+    if kind == "hex20":
+        return hexahedron_volumes(coordinates)
     coefficients, _ = bernstein_coefficients(kind, coordinates)
     return coefficients.mean(axis=1) / (2.0 if kind.startswith("penta") else 6.0)
 
@@ -333,6 +340,11 @@ def relative_bound(kind: str, coordinates: np.ndarray, bound: np.ndarray) -> np.
         around = points[:, [0, 1, 2, 3, 4, 5]] - points[:, [1, 2, 0, 4, 5, 3]]
         upward = points[:, 3:6] - points[:, :3]
         size = _mean_length(around) ** 2 * _mean_length(upward)
+    elif kind == "hex20":
+        size = np.ones(len(points))
+        for start, end in (([0, 3, 4, 7], [1, 2, 5, 6]), ([0, 1, 4, 5], [3, 2, 7, 6]),
+                           ([0, 1, 2, 3], [4, 5, 6, 7])):  # fmt: skip
+            size *= _mean_length(points[:, end] - points[:, start])
     else:
         pairs = np.array(list(combinations(range(4), 2)))
         size = _mean_length(points[:, pairs[:, 0]] - points[:, pairs[:, 1]]) ** 3
@@ -360,11 +372,14 @@ def scaled_jacobian(
 
     Parameters
     ----------
-    kind : {"tet4", "tet10", "penta6", "penta15", "penta18"}
+    kind : {"tet4", "tet10", "penta6", "penta15", "penta18", "hex20"}
     coordinates : (ne, n, 3) array
     points : (m, 3) array, optional
-        Reference points; by default a lattice with 5 points along an edge.
+        Reference points; by default a lattice with 5 points along an edge (6 in hexahedra, where
+        they cannot be chosen).
     """
+    if kind == "hex20":
+        return hexahedron_quality(coordinates)
     if points is None:
         points = bernstein_lattice(kind, 1 if kind in ("tet4", "penta6") else 4)
     wedge = kind.startswith("penta")

@@ -25,10 +25,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import FaultError, InputError
-from .bezier import BezierElements
 from .element_jacobians import prove_positive, scaled_jacobian, volumes
 from .elements import (
-    jacobians,
     quadrature,
     shape_functions,
     shape_gradients,
@@ -36,8 +34,6 @@ from .elements import (
 from .finite_elements import FiniteElementMesh
 from .interior import Interface
 from .side_equations import consistent_middles
-from .validity import certify
-from .validity import scaled_jacobian as bezier_scaled_jacobian
 
 logger = logging.getLogger(__name__)
 
@@ -118,7 +114,7 @@ class HexahedralMesh:
     @property
     def volume(self) -> float:
         """Sum of the elements' exact volumes, mm³."""
-        return float(sum(element_volumes(kind, self.nodes[c]).sum() for kind, c in self.elements))
+        return float(sum(volumes(kind, self.nodes[c]).sum() for kind, c in self.elements))
 
     @property
     def boundary_volume(self) -> float:
@@ -149,16 +145,6 @@ class HexahedralMesh:
         }
 
 
-def element_volumes(kind: str, coordinates: np.ndarray) -> np.ndarray:
-    """Signed volume of each element, (ne,), mm³; exact but for rounding, hexahedra too."""
-    if not kind.startswith("hex"):
-        return volumes(kind, coordinates)
-    # det J is of degree five in each direction
-    points, weights = quadrature("hex", 3)
-    local = coordinates - coordinates[:, :1]
-    return np.linalg.det(jacobians(kind, local, points)) @ weights
-
-
 def swept_volumes(kind: str, coordinates: np.ndarray) -> np.ndarray:
     """Volume of the cone from the origin over each face ("quad8" or "tri6"), (nf,), mm³."""
     points, weights = quadrature(kind.rstrip("0123456789"), 5)
@@ -166,37 +152,6 @@ def swept_volumes(kind: str, coordinates: np.ndarray) -> np.ndarray:
     j = np.einsum("qnd,enc->eqcd", shape_gradients(kind, points), coordinates)
     normal = np.cross(j[..., 0], j[..., 1])
     return np.einsum("eqc,eqc,q->e", position, normal, weights) / 3.0
-
-
-def bezier_hexahedra(coordinates: np.ndarray) -> BezierElements:
-    """The same hexahedra in Bernstein form, of degree two in each direction.
-
-    Parameters
-    ----------
-    coordinates : (ne, 20, 3) array
-        mm
-
-    Returns
-    -------
-    BezierElements
-        Their first node lies at the origin, so that nothing is rounded by where they are.
-    """
-    local = coordinates - coordinates[:, :1]
-    points = local.transpose(0, 2, 1) @ _to_bernstein()
-    points = points.transpose(0, 2, 1).reshape(-1, 3, 3, 3, 3)
-    number = np.arange(len(coordinates))
-    return BezierElements((2, 2, 2), points, None, number, np.zeros(len(number), dtype=int))
-
-
-def _to_bernstein() -> np.ndarray:
-    """Matrix (20, 27) from the nodes of a hexahedron to its control points."""
-    line = np.array([0.0, 0.5, 1.0])
-    lattice = np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1).reshape(-1, 3)
-    values = shape_functions("hex20", lattice)
-    one = np.array([[1.0, 0.0, 0.0], [-0.5, 2.0, -0.5], [0.0, 0.0, 1.0]])
-    return np.einsum("ai,bj,ck,ijkn->nabc", one, one, one, values.reshape(3, 3, 3, 20)).reshape(
-        20, 27
-    )
 
 
 def hexahedral_mesh(mesh: FiniteElementMesh, interface: Interface) -> HexahedralMesh:
@@ -271,9 +226,8 @@ class _Builder:
             lost = self._lost()
             chosen = np.flatnonzero(self.taken)
             rows = self.hexes[:, chosen].reshape(-1, 20)
-            elements = [bezier_hexahedra(self.nodes[rows])]
-            good = certify(elements).status > 0
-            good &= bezier_scaled_jacobian(elements) >= least[:, chosen].ravel()
+            good = prove_positive("hex20", self.nodes[rows]).proved
+            good &= scaled_jacobian("hex20", self.nodes[rows]) >= least[:, chosen].ravel()
             bad = ~good.reshape(-1, len(chosen)).all(axis=0) | ~self.placed
             # what they moved: the middle of the bottom, and its mid nodes
             bad |= lost[self.hexes[0, chosen, 8:12]].any(axis=1)
@@ -368,9 +322,6 @@ class _Builder:
         place = np.cumsum(used) - 1
         nodes = self.nodes[used]
         blocks = {name: place[rows] for name, rows in blocks.items()}
-        quality = np.zeros(0)
-        if len(hexes):
-            quality = bezier_scaled_jacobian([bezier_hexahedra(nodes[blocks["hexes"]])])
         return HexahedralMesh(
             nodes=nodes,
             **blocks,
@@ -384,7 +335,7 @@ class _Builder:
             triangle_face=mesh.boundary_face[triangles],
             triangle_wedge=under[mesh.boundary_wedge[triangles]],
             face_names=mesh.face_names,
-            hex_quality=quality,
+            hex_quality=scaled_jacobian("hex20", nodes[blocks["hexes"]]),
             wedge_quality=scaled_jacobian("penta15", nodes[blocks["wedges"]]),
             tet_quality=scaled_jacobian("tet10", nodes[blocks["tets"]]),
         )
