@@ -52,7 +52,15 @@ _SOURCES = {
                  "reproduce/fem_*.py"),
 }  # fmt: skip
 """Files that decide whether a case has to be done again."""
-_OTHERS = {"accuracy": ("fem_case.py", "fem_table.py", "fem_patch.py", "fem_loads.py")}
+_OTHERS = {
+    "accuracy": (
+        "fem_case.py",
+        "fem_table.py",
+        "fem_patch.py",
+        "fem_loads.py",
+        "fem_accuracy_table.py",
+    )
+}
 """Of these files, those that do not."""
 
 
