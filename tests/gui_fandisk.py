@@ -195,9 +195,8 @@ def analyse(answer, doc, body):
 
 def by_macro(answer):
     """The same by the lines of a macro, on the shell that the panel has computed."""
-    from HybridVolume.core.hybrid import load
-
     import HybridVolume
+    from HybridVolume.core.hybrid import load
 
     with tempfile.TemporaryDirectory() as folder:
         path = shutil.copy(FreeCAD.ActiveDocument.HybridVolume.Result, folder)
