@@ -263,18 +263,34 @@ class BoundarySurface:
         first = _unit(np.cross(self.normal, least))
         return np.stack([first, np.cross(self.normal, first), self.normal], axis=1)
 
-    def tangential_strain(self, displacement: np.ndarray) -> np.ndarray:
-        """Strain along the surface in the frame's tangents: 11, 22, 12, (np, 3)."""
+    def tangential_strain(self, displacement: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+        """Strain along the surface in the frame's tangents.
+
+        Parameters
+        ----------
+        displacement : (n, 3) array
+            mm.
+        gradient : (n, 3, 3) array
+            Its derivatives at the nodes, roughly. Only what goes beyond is taken from the surface:
+            rigid turns, however large, leave no trace.
+
+        Returns
+        -------
+        (np, 3) array
+            11, 22, 12.
+        """
         if self.whole is not None:
-            return self.whole.tangential_strain(displacement)[self._place]
+            return self.whole.tangential_strain(displacement, gradient)[self._place]
+        rough = gradient[self.point_node]
         slope = np.einsum("tnc,mnd->tmcd", displacement[self.triangles], self._gradients)
         inverse = np.linalg.pinv(self._tangents, rcond=1e-6)
-        gradient = self._mean((slope @ inverse).reshape(len(slope), -1, 9)).reshape(-1, 3, 3)
-        along = np.einsum("pck,pbk->pcb", gradient, self.frame[:, :2])
+        direct = self._mean((slope @ inverse).reshape(len(slope), -1, 9)).reshape(-1, 3, 3)
+        along = np.einsum("pck,pbk->pcb", direct, self.frame[:, :2])
         if self.kind == "tri6":
+            linear = np.einsum("pck,pbk->pcb", rough, self.frame[:, :2])
             for degree in (2, 3):
-                fitted, sound = self._slopes(displacement[self.point_node], degree)
-                along = np.where(sound[:, None, None], fitted, along)
+                fitted, sound = self._slopes(displacement[self.point_node], degree, rough)
+                along = np.where(sound[:, None, None], linear + fitted, along)
         local = np.einsum("pac,pcb->pab", self.frame[:, :2], along)
         shear = 0.5 * (local[:, 0, 1] + local[:, 1, 0])
         return np.column_stack([local[:, 0, 0], local[:, 1, 1], shear])
@@ -304,7 +320,9 @@ class BoundarySurface:
         vertex = touches(self.points[:, :3])
         return (corner @ (vertex.T @ vertex) @ corner.T).tocsr()
 
-    def _slopes(self, values: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarray]:
+    def _slopes(
+        self, values: np.ndarray, degree: int, linear: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives along the frame's tangents, by a polynomial over the triangles near a point.
 
         It sees the surface from the tangent plane, so that mid nodes beside the middle of their
@@ -315,6 +333,8 @@ class BoundarySurface:
         values : (np, 3) array
         degree : {2, 3}
             Over the triangles around each point, or over two rings.
+        linear : (np, 3, 3) array, optional
+            Derivatives in space of what is taken off first; the slopes are those of the rest.
 
         Returns
         -------
@@ -343,7 +363,10 @@ class BoundarySurface:
             weight = used / (_NEAR + square)
             basis = np.stack([x[..., 0] ** i * x[..., 1] ** j for i, j in powers], axis=2)
             basis *= weight[..., None]
-            wanted = (values[index] - values[part][:, None]) * weight[..., None]
+            rest = values[index] - values[part][:, None]
+            if linear is not None:
+                rest -= np.einsum("pck,psk->psc", linear[part], away)
+            wanted = rest * weight[..., None]
             matrix = np.swapaxes(basis, 1, 2) @ basis
             # what only few points would decide stays small
             hold = _HOLD * np.sum(weight**2 * (square > 0.25), axis=1)

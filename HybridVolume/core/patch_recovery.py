@@ -46,14 +46,14 @@ def sample_points(kind: str) -> np.ndarray:
     return solver_points(kind)[0]
 
 
-def strain_at(
+def gradient_at(
     kind: str,
     nodes: np.ndarray,
     connectivity: np.ndarray,
     displacement: np.ndarray,
     points: np.ndarray,
 ) -> np.ndarray:
-    """Strain of every element at reference points.
+    """Derivatives of the displacement in every element at reference points.
 
     Parameters
     ----------
@@ -66,55 +66,64 @@ def strain_at(
 
     Returns
     -------
-    (ne, m, 6) array
+    (ne, m, 3, 3) array
+        Component, direction.
     """
     gradients = shape_gradients(kind, points)
-    parts = [np.zeros((0, len(points), 6))]
+    parts = [np.zeros((0, len(points), 3, 3))]
     for start in range(0, len(connectivity), _CHUNK):
         rows = connectivity[start : start + _CHUNK]
         # dx/dxi and du/dxi at the same places; du/dx = du/dxi dxi/dx
         x = jacobians(kind, nodes[rows], points)
         u = np.einsum("enc,mnd->emcd", displacement[rows], gradients, optimize=True)
-        slope = u @ np.linalg.inv(x)
-        symmetric = 0.5 * (slope + np.swapaxes(slope, 2, 3))
-        parts.append(symmetric[..., [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+        parts.append(u @ np.linalg.inv(x))
     return np.concatenate(parts)
 
 
+def strain_of(gradient: np.ndarray) -> np.ndarray:
+    """Strain (..., 6) of derivatives (..., 3, 3) of the displacement."""
+    symmetric = 0.5 * (gradient + np.swapaxes(gradient, -1, -2))
+    return symmetric[..., [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+
+
 def mean_at_nodes(count: int, parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-    """Mean of elements' values at their nodes, (count, 6); nan at nodes of no element.
+    """Mean of elements' values at their nodes, (count, ...); nan at nodes of no element.
 
     Parameters
     ----------
     count : int
-    parts : sequence of ((ne, k) int array, (ne, k, 6) array)
+    parts : sequence of ((ne, k) int array, (ne, k, ...) array)
         Connectivity and values.
     """
-    total, number = np.zeros((count, 6)), np.zeros(count)
+    shape = parts[0][1].shape[2:]
+    total, number = np.zeros((count, *shape)), np.zeros(count)
     for connectivity, values in parts:
         flat = connectivity.ravel()
         number += np.bincount(flat, minlength=count)
-        for component in range(6):
-            column = values[..., component].ravel()
-            total[:, component] += np.bincount(flat, column, minlength=count)
+        columns = values.reshape(len(flat), -1).T
+        sums = [np.bincount(flat, column, minlength=count) for column in columns]
+        total += np.stack(sums, axis=1).reshape(total.shape)
     with np.errstate(invalid="ignore"):
-        return total / number[:, None]
+        return total / number.reshape(-1, *[1] * len(shape))
 
 
 def extrapolated(
     nodes: np.ndarray, elements: Sequence[tuple[str, np.ndarray]], displacement: np.ndarray
 ) -> np.ndarray:
-    """Strain at the nodes, carried there from each element's points and averaged, (n, 6)."""
+    """Derivatives at the nodes, carried there from each element's points and averaged, (n, 3, 3).
+
+    Their stress is what CalculiX writes.
+    """
     parts = []
     for kind, connectivity in elements:
         points = sample_points(kind)
-        strain = strain_at(kind, nodes, connectivity, displacement, points)
+        gradient = gradient_at(kind, nodes, connectivity, displacement, points)
         carry = np.ones((connectivity.shape[1], 1))
         if len(points) > 1:
             linear = {"tet": "tet4", "pen": "penta6", "hex": "hex8"}[kind[:3]]
             at_nodes = shape_functions(linear, reference(kind).nodes)
             carry = at_nodes @ np.linalg.inv(shape_functions(linear, points))
-        parts.append((connectivity, np.einsum("mq,eqs->ems", carry, strain)))
+        parts.append((connectivity, np.einsum("mq,eqcd->emcd", carry, gradient)))
     return mean_at_nodes(len(nodes), parts)
 
 
@@ -147,7 +156,7 @@ def smooth_inside(
     for kind, connectivity in elements:
         points = sample_points(kind)
         degree = max(degree, 2 if connectivity.shape[1] > 8 else 1)
-        strain = strain_at(kind, nodes, connectivity, displacement, points)
+        strain = strain_of(gradient_at(kind, nodes, connectivity, displacement, points))
         places.append(np.einsum("qn,enc->eqc", shape_functions(kind, points), nodes[connectivity]))
         strains.append(strain)
         owners.append(np.full(len(connectivity), len(points)))

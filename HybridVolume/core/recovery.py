@@ -22,7 +22,7 @@ from ..errors import InputError
 from .boundary_surface import Boundary, BoundarySurface, free_facets
 from .elements import reference
 from .nodal_forces import face_loads, nodal_forces, without_body_force
-from .patch_recovery import extrapolated, mean_at_nodes, smooth_inside, strain_at
+from .patch_recovery import extrapolated, gradient_at, mean_at_nodes, smooth_inside, strain_of
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 """Order of the components of strain and stress; shear strains are those of the tensor."""
@@ -170,7 +170,8 @@ def element_strain(
     -------
     (ne, k, 6) array
     """
-    return strain_at(kind, nodes, connectivity, displacement, reference(kind).nodes)
+    places = reference(kind).nodes
+    return strain_of(gradient_at(kind, nodes, connectivity, displacement, places))
 
 
 def averaged(
@@ -229,11 +230,11 @@ def recover(
     outside = np.zeros(len(nodes), dtype=bool)
     outside[free] = outside[others] = True
     rough = extrapolated(nodes, elements, displacement)
-    strain = smooth_inside(nodes, elements, displacement, rough, outside)
+    strain = smooth_inside(nodes, elements, displacement, strain_of(rough), outside)
     found: tuple[tuple[int, str], ...] = ()
     if len(boundary.triangles):
         strain, found = _on_boundary(
-            nodes, elements, displacement, material, strain, boundary, outside
+            nodes, elements, displacement, material, strain, rough, boundary, outside
         )
     return NodalStress(used, strain[used], material.stress(strain[used]), found)
 
@@ -290,6 +291,7 @@ def _on_boundary(
     displacement: np.ndarray,
     material: Material,
     strain: np.ndarray,
+    rough: np.ndarray,
     boundary: Boundary,
     outside: np.ndarray,
 ) -> tuple[np.ndarray, tuple[tuple[int, str], ...]]:
@@ -315,7 +317,8 @@ def _on_boundary(
     if boundary.face is not None:
         number[surface.point_face[surface.points[:, 0]]] = boundary.face
     found = sorted(zip(number.tolist(), loads.kinds, strict=True))
-    return combined(surface, displacement, loads.traction, strain, material), tuple(found)
+    along = surface.tangential_strain(displacement, rough)
+    return combined(surface, along, loads.traction, strain, material), tuple(found)
 
 
 def rounding(values: np.ndarray) -> np.ndarray:
@@ -335,7 +338,7 @@ def rounding(values: np.ndarray) -> np.ndarray:
 
 def combined(
     surface: BoundarySurface,
-    displacement: np.ndarray,
+    along: np.ndarray,
     traction: np.ndarray,
     strain: np.ndarray,
     material: Material,
@@ -345,8 +348,8 @@ def combined(
     Parameters
     ----------
     surface : BoundarySurface
-    displacement : (n, 3) array
-        mm.
+    along : (np, 3) array
+        Strain along the surface, see `BoundarySurface.tangential_strain`.
     traction : (np, 3) array
         MPa, at the surface's points in their frames; nan where unknown.
     strain : (n, 6) array
@@ -359,7 +362,7 @@ def combined(
         As ``strain``, but for the surface's nodes.
     """
     modulus = material.young / (1.0 + material.poisson)
-    frame, along = surface.frame, surface.tangential_strain(displacement)
+    frame = surface.frame
     known = np.isfinite(traction)
     # a face without a known load leaves the strain as the elements have it: better than half of it
     sure = known.all(axis=1)
