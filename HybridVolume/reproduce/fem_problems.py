@@ -55,8 +55,12 @@ class Problem:
         Roles of the faces near which elements should be small; all faces, where none is named.
     slope : float
         Growth of the size of elements a mm away from them, as a share of the smallest size.
-    thickness : str
-        Of the hybrid volume's shell.
+    level : float
+        w0 of the hybrid volume's shell.
+    densities : tuple of (int, int)
+        Of the hybrid meshes: into how many parts each knot span is cut, and the layers of wedges.
+    sizes : mapping of str to tuple of float
+        Smallest size of the elements of other meshers, mm.
     """
 
     name: str
@@ -73,7 +77,15 @@ class Problem:
     near: tuple[str, ...] = ()
     slope: float = 2.0
     material: Material = STEEL_LIKE
-    thickness: str = "0.5"
+    level: float = 0.6
+    densities: tuple[tuple[int, int], ...] = ((1, 1), (1, 2), (2, 1), (2, 2), (3, 2))
+    sizes: Mapping[str, tuple[float, ...]] = field(
+        default_factory=lambda: {
+            "tet10": (0.5, 0.35, 0.25, 0.18),
+            "tet10-graded": (0.5, 0.35, 0.25, 0.18),
+            "netgen-layers": (0.5, 0.35, 0.25, 0.18),
+        }
+    )
     peak_at: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
@@ -133,7 +145,7 @@ def thick_cylinder(inner: float = 1.0, outer: float = 2.0, height: float = 1.0) 
     return Problem(
         "cylinder",
         "thick tube, radii 1 and 2, height 1, pressure in the bore, free ends (Lamé)",
-        tube(inner, outer, height, even(2), graded(2, 1.5), even(2)),
+        tube(inner, outer, height, even(4), graded(2, 1.5), ()),
         displacement,
         stress,
         ("bore", "outside"),
@@ -223,7 +235,7 @@ def holed_plate(radius: float = 1.0, side: float = 4.0, height: float = 1.0) -> 
     return Problem(
         "plate",
         "quarter of a plate with a hole, 4 x 4 x 1, radius 1, plane strain (Kirsch)",
-        holed_quarter(radius, side, height, even(2), graded(4, 1.6), even(2)),
+        holed_quarter(radius, side, height, even(4), graded(5, 1.5), ()),
         displacement,
         stress,
         ("hole",),
