@@ -22,12 +22,13 @@ from .analysis_commands import (
     SolveCommand,
     StressCommand,
 )
+from .export_command import EXPORT, ExportCommand
 
 CREATE = "HybridVolume_Create"
 QUALITY = "HybridVolume_Quality"
 MESH = "HybridVolume_Mesh"
 CLEAR = "HybridVolume_ClearRed"
-NAMES = [CREATE, QUALITY, CLEAR, MESH, ANALYSIS, SOLVE, STRESS]
+NAMES = [CREATE, QUALITY, CLEAR, MESH, EXPORT, ANALYSIS, SOLVE, STRESS]
 
 
 class CreateCommand:
@@ -385,7 +386,7 @@ _COMMANDS = dict(
     zip(
         NAMES,
         (
-            *(CreateCommand(), QualityCommand(), ClearCommand(), MeshCommand()),
+            *(CreateCommand(), QualityCommand(), ClearCommand(), MeshCommand(), ExportCommand()),
             *(AnalysisCommand(), SolveCommand(), StressCommand()),
         ),
         strict=True,
