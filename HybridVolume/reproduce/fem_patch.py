@@ -79,7 +79,7 @@ def make(volume: HybridVolume, progress: Callable[[float, str], None]) -> dict[s
         finer = Density(subdivide=2 * max(fem.density.subdivide, 1))
         add(0.5, "curved, cells in two", lambda: Meshed.of(remesh(volume, finer).fem))
     add(0.7, "hexahedra, curved", lambda: _hexahedra(volume))
-    add(0.8, "Netgen, curved", lambda: _netgen(volume))
+    add(0.8, "Gmsh, curved", lambda: _gmsh(volume))
     return {
         "nodes": len(fem.nodes),
         "wedges": len(fem.wedges),
@@ -93,13 +93,13 @@ def make(volume: HybridVolume, progress: Callable[[float, str], None]) -> dict[s
     }
 
 
-def _netgen(volume: HybridVolume) -> Meshed:
+def _gmsh(volume: HybridVolume) -> Meshed:
     """Curved tets of about as many nodes, for comparison."""
     from .fem_rivals import Sizes, tet10_mesh
 
     # edges of equal tets, of which there are about two to three nodes
     size = 2.5 * (volume.surface.volume() / len(volume.fem.nodes)) ** (1.0 / 3.0)
-    return tet10_mesh(volume.surface, Sizes(size), mesher="netgen", time_limit=300.0)
+    return tet10_mesh(volume.surface, Sizes(size), mesher="gmsh")
 
 
 def _hexahedra(volume: HybridVolume) -> Bound:

@@ -36,7 +36,7 @@ points, over its own size (Frobenius): the largest deviation, and in brackets th
 - *first order*: the mesh of wedges of six nodes and tets of four; *straight*: the same with a node
   in the middle of every edge, wedges of 15 nodes and tets of ten;
 - *hexahedra*: the shell of 20-node hexahedra, bound to the tets by equations (`--elements hex20`);
-- *Netgen*: curved tets of the same body, about as coarse.
+- *Gmsh*: curved tets of the same body, about as coarse.
 
 """
 
