@@ -18,6 +18,7 @@ from ..core.polygons import SHARP, PolygonMesh, bilinear_faces, bodies, mended
 from ..core.smooth_quads import smooth_quads
 from ..core.surface import SplineFace
 from ..errors import FaultError, InputError
+from ..solids import solid_of
 from .polygon_files import read_polygons
 from .shapes import Body, read_shape
 
@@ -123,8 +124,6 @@ def read_mesh(path: str | os.PathLike, surfacing: Surfacing | None = None) -> li
 
 
 def _surfaced(mesh: PolygonMesh, name: str, scheme: str, surfacing: Surfacing) -> MeshBody:
-    from ..exports.step import solid_of
-
     figures: dict[str, Any] = {"scheme": scheme}
     faces: list[SplineFace]
     if scheme == "bilinear":
