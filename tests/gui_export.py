@@ -5,11 +5,21 @@
 import os
 
 import FreeCADGui
-from gui_mesh import said
 from gui_midstructure import whole_window
 from gui_quality import toolbar
 from gui_scenarios import FOLDER, message_box, new_document, screenshot, wait, wait_for
 from PySide import QtCore, QtGui
+
+
+def said(action):
+    """Text of the window that an action brings up, which is then closed."""
+    action()
+    wait_for(message_box, 20.0)
+    box = message_box()
+    text = box.text()
+    box.close()
+    wait(300)
+    return text
 
 
 def dialog():
@@ -46,7 +56,7 @@ def files(answer):
 
     doc, body = new_document()
     whole_window()
-    answer["no volume"] = said(lambda: toolbar("HybridVolume_Export"))[0]
+    answer["no volume"] = said(lambda: toolbar("HybridVolume_Export"))
     volume = make_volume(doc)
     volume.Source, volume.Result = body, os.environ["HYBRIDVOLUME_STORED"]
     doc.recompute()
@@ -61,5 +71,5 @@ def files(answer):
         wait(300)
     answer["told"] = message_box() is not None
     box, _, _ = fill(str(FOLDER / "four.stl"), "ParaView")
-    answer["ending"] = said(box.accept)[0]
+    answer["ending"] = said(box.accept)
     answer["steps"] = doc.UndoNames == steps
