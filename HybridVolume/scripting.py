@@ -281,8 +281,10 @@ def to_fem(volume: HybridVolume, doc: Any, order: int = 2, body: Any | None = No
 
     fem = volume.fem
     if fem.order != order:
-        fem = conforming_mesh(volume.shell, volume.interface, volume.interior, order)
-    return document.insert_mesh(doc, fem, body)
+        fem = conforming_mesh(
+            volume.shell, volume.interface, volume.interior, order, volume.fem.density
+        )
+    return document.insert_mesh(doc, fem, body, getattr(volume, "surface", None))
 
 
 def remesh(

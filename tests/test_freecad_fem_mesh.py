@@ -57,11 +57,18 @@ def doc():
         FreeCAD.closeDocument(name)
 
 
-def inserted(doc, folder, name="torus"):
-    """A body with its hybrid volume in a document, and the volume itself."""
+def inserted(doc, folder, name="torus", placement=None):
+    """A body with its hybrid volume in a document, and the volume itself.
+
+    ``placement`` is that of a container; the body stands where it would stand without one.
+    """
     body, volume, report = made(name)
     source = doc.addObject("Part::Feature", "Body")
     source.Shape = body.shape
+    if placement is not None:
+        container = doc.addObject("App::Part", "Container")
+        container.Placement, source.Placement = placement, placement.inverse()
+        container.addObject(source)
     volume.save(folder / "result.npz")
     one = document.Completed(
         body=body,
@@ -230,6 +237,35 @@ def test_files_keep_every_bit(doc, tmp_path):
         assert differences(mesh, lost)[0].endswith("members of group Interface, not 5")
     finally:
         FreeCAD.closeDocument(again.Name)
+
+
+@pytest.mark.parametrize("moved", [False, True], ids=["alone", "in a moved container"])
+def test_the_fem_workbench_finds_nodes_for_loads(doc, tmp_path, moved):
+    from femmesh.meshtools import get_femnodes_by_refshape
+
+    placement = FreeCAD.Placement(FreeCAD.Vector(5.0, 0.0, 1.0), FreeCAD.Vector(1, 1, 0), 30.0)
+    obj, volume = inserted(doc, tmp_path, "small box", placement if moved else None)
+    fem, mesh, body = volume.fem, obj.FemMesh.FemMesh, obj.FemMesh.Shape
+    assert (body is obj.AnalysisBody) == moved and (body is obj.Source) != moved
+    if moved:
+        with pytest.raises(InputError, match="a container moves Body"):
+            document.insert_mesh(doc, fem, obj.Source)
+    for number in (1, 4):
+        found = get_femnodes_by_refshape(mesh, (body, [f"Face{number}"]))
+        assert sorted(set(found)) == (fem.face_nodes(f"Face{number}") + 1).tolist()
+    points = np.array([tuple(v.Point) for v in body.Shape.Vertexes])
+    for number, edge in enumerate(body.Shape.Edges[:4], start=1):
+        found = sorted(set(get_femnodes_by_refshape(mesh, (body, [f"Edge{number}"]))))
+        # straight edges: their nodes are those between the ends
+        a, b = (np.array(tuple(v.Point)) for v in edge.Vertexes)
+        along = (fem.nodes - a) @ (b - a) / edge.Length**2
+        off = np.linalg.norm(fem.nodes - a - along[:, None] * (b - a), axis=1)
+        between = (along > -1e-9) & (along < 1.0 + 1e-9) & (off < 1e-9)
+        assert found == (np.flatnonzero(between) + 1).tolist() and len(found) >= 5
+    for number in (1, 8):
+        found = set(get_femnodes_by_refshape(mesh, (body, [f"Vertex{number}"])))
+        distance = np.linalg.norm(fem.nodes - points[number - 1], axis=1)
+        assert found == {int(distance.argmin()) + 1} and distance.min() < 1e-12
 
 
 def test_a_file_that_lost_something_is_no_success(doc, tmp_path, monkeypatch):

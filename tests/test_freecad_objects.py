@@ -264,6 +264,7 @@ def test_a_document_of_the_first_version_is_still_up_to_date(doc, volume, tmp_pa
         volume = again.getObject("HybridVolume")
         again.recompute(None, True)
         assert volume.SchemaVersion == 3 and volume.Status == "Up to date"
+        assert volume.FemMesh.SchemaVersion == 2 and volume.FemMesh.Subdivide == 1
         assert volume.ThicknessKind == "Level w0" and volume.W0 == 0.4
         volume.FaceFactors = ["Face3 = 1.5"]
         again.recompute()

@@ -16,7 +16,7 @@ import numpy as np
 
 from HybridVolume.core.hybrid import save_midstructure
 from HybridVolume.errors import FaultError, InputError
-from HybridVolume.sources import check_against_cad, read_object
+from HybridVolume.sources import check_against_cad, global_shape, read_object
 
 from . import density, thickness
 from .fem_mesh import AnalysisMesh, PartMesh, inputs_of_mesh, make_mesh_object
@@ -184,6 +184,11 @@ def insert_mesh(
         FreeCAD did not take the whole mesh, or does not find its nodes on the body's faces.
     """
     read = _solid(body, 1) if body is not None else None
+    if body is not None and not _stands_still(body):
+        raise InputError(
+            f"a container moves {body.Label}: the FEM workbench would look for nodes elsewhere",
+            remedy="give a copy of the body outside of the container",
+        )
     prepared = PreparedMesh(fem, read, surface)
     if prepared.coverage is not None and prepared.coverage.copy is not None:
         raise FaultError(
@@ -402,13 +407,14 @@ def _geometry_object(doc: Any, completed: Completed) -> Any:
 def _analysis_body(obj: Any, body: Body, prepared: PreparedMesh) -> Any:
     """The object that loads and supports go on: the source, or a copy with a wider tolerance.
 
-    A source without a shape of its own (a container of parts) gets a copy too. A copy stays where
-    loads or supports are on it.
+    A source without a shape of its own (a container of parts) gets a copy too, and one that a
+    container moves: the FEM workbench of FreeCAD 0.20 looks at it where it would be without. A copy
+    stays where loads or supports are on it.
     """
     doc, held = obj.Document, obj.AnalysisBody
     shape = prepared.coverage.copy
     used = held is not None and any(one not in (obj, obj.FemMesh) for one in held.InList)
-    if shape is None and (used or not hasattr(obj.Source, "Shape")):
+    if shape is None and (used or not _stands_still(obj.Source)):
         shape = body.shape
     if shape is None:
         if held is not None:
@@ -421,6 +427,14 @@ def _analysis_body(obj: Any, body: Body, prepared: PreparedMesh) -> Any:
         held.Visibility = False
     held.Shape = shape
     return held
+
+
+def _stands_still(source: Any) -> bool:
+    """Whether an object has a shape of its own, and no container moves it."""
+    if not hasattr(source, "Shape"):
+        return False
+    places = (source.Shape.Placement, global_shape(source).Placement)
+    return np.allclose(*(place.toMatrix().A for place in places), rtol=1e-12, atol=1e-12)
 
 
 def _fill_meshes(obj: Any, prepared: PreparedMesh) -> None:
