@@ -39,7 +39,7 @@ from .stage import Added, Hidden
 from .volume_macro import VolumeMacro
 from .work import NO_ENVIRONMENT, environment_setup, is_deleted, waiting
 
-OTHERS, LEAST_TABLE, MOST_TABLE = 700, 120, 330
+OTHERS, LEAST_TABLE, MOST_TABLE = 790, 100, 330
 """Pixels: height of what is above, beside and below the tables, and of the tables."""
 
 CLICK = "Click an element in the 3D view to read its figures."
