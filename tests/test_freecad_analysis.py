@@ -7,7 +7,7 @@ import shutil
 import numpy as np
 import pytest
 
-from HybridVolume.errors import InputError, SetupError
+from HybridVolume.errors import InputError, OutOfDateError, SetupError
 
 try:
     from HybridVolume.freecad_python import import_freecad
@@ -22,6 +22,7 @@ from made_by_hand import SIZE, completed, face_names
 
 import HybridVolume
 from HybridVolume.objects import document
+from HybridVolume.objects.analysis import problems
 
 needs_ccx = pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX (ccx) is absent")
 FORCE = 10.0
@@ -132,6 +133,116 @@ def test_shell_and_core_with_a_material_each(doc, box, volume, tmp_path):
     assert 1.05 * steel < longest < 10.0 * steel
 
 
+def on_face(doc, analysis, kind, body, *names):
+    """Add a constraint of the FEM workbench on parts of a body."""
+    one = getattr(ObjectsFem, f"makeConstraint{kind}")(doc)
+    one.References = [(body, name) for name in names]
+    analysis.addObject(one)
+    doc.recompute()
+    return one
+
+
+def megapascals(value):
+    """A pressure as this FreeCAD takes it."""
+    return value if FreeCAD.Version()[0] == "0" else f"{value} MPa"
+
+
+@needs_ccx
+def test_a_pressed_bar_has_its_pressure_as_normal_stress_at_the_end(doc, box, volume, tmp_path):
+    names = face_names(box.Shape)
+    analysis = HybridVolume.make_analysis(volume)
+    on_face(doc, analysis, "Fixed", box, names[0])
+    press = on_face(doc, analysis, "Pressure", box, names[1])
+    press.Pressure = megapascals(50.0)
+    result = HybridVolume.solve(analysis, tmp_path / "solver")
+    assert list((tmp_path / "solver").glob("*.frd"))
+    place = {number: row for row, number in enumerate(result.BoundaryNodes)}
+    nodes = np.array([tuple(result.Mesh.FemMesh.Nodes[n]) for n in place])
+    normals = np.array([tuple(n) for n in result.BoundaryNormals])
+    assert np.linalg.norm(normals, axis=1) == pytest.approx(1.0)
+    pressed = np.isclose(nodes[:, 0], SIZE[0]) & (normals[:, 0] > 0.9)
+    free = np.isclose(np.abs(normals[:, 1]), 1.0) & (nodes[:, 0] > 0.4 * SIZE[0])
+    free &= nodes[:, 0] < 0.99 * SIZE[0]
+    normal, shear = column(result, "NormalStress"), column(result, "ShearStress")
+    assert pressed.sum() > 4 and free.sum() > 4
+    assert normal[pressed] == pytest.approx(-50.0, rel=1e-2)
+    assert np.abs(normal[free]).max() < 1.0 and shear[free].max() < 1.0
+    assert column(result, "TangentialMin")[free] == pytest.approx(-50.0, rel=0.1)
+    said = dict(text.split(": ") for text in result.FaceLoads)
+    assert said[names[1]] == "pressure" and said[names[0]] not in ("free", "pressure")
+    assert [said[name] for name in names[2:]] == ["free"] * 4
+    # the solver's own result stays beside it, and both are still there after saving
+    doc.saveAs(str(tmp_path / "solved.FCStd"))
+    again = FreeCAD.openDocument(str(tmp_path / "solved.FCStd"), hidden=True)
+    try:
+        kept = again.getObject(result.Name)
+        assert kept.NormalStress == result.NormalStress and kept.FaceLoads == result.FaceLoads
+        solvers = [one for one in again.findObjects("Fem::FemResultObject") if one is not kept]
+        assert len(solvers) == 1
+    finally:
+        FreeCAD.closeDocument(again.Name)
+
+
+@needs_ccx
+def test_loads_on_edges_and_vertices_act(doc, box, volume):
+    analysis = HybridVolume.make_analysis(volume)
+    ends = [
+        [
+            f"Edge{k}"
+            for k, edge in enumerate(box.Shape.Edges, start=1)
+            if all(abs(v.X - x) < 1e-9 for v in edge.Vertexes)
+        ]
+        for x in (0.0, SIZE[0])
+    ]
+    on_face(doc, analysis, "Fixed", box, *ends[0])
+    force = on_face(doc, analysis, "Force", box, *ends[1])
+    force.Force = FORCE if FreeCAD.Version()[0] == "0" else f"{FORCE} N"
+    force.Direction = (box, ["Edge1"])
+    force.DirectionVector = FreeCAD.Vector(1, 0, 0)
+    corner = on_face(doc, analysis, "Fixed", box, "Vertex1")
+    assert corner.References
+    doc.recompute()
+    result = HybridVolume.solve(analysis)
+    points = np.array([tuple(result.Mesh.FemMesh.Nodes[n]) for n in result.NodeNumbers])
+    middle = np.isclose(points[:, 0], 0.5 * SIZE[0])
+    # the force goes through the middle, whatever happens at the edges of so coarse a mesh
+    assert column(result, "NodeStressXX")[middle].mean() == pytest.approx(FORCE / AREA, rel=0.3)
+    assert {text.split(": ")[1] for text in result.FaceLoads} <= {"free", "unknown"}
+
+
+def test_what_keeps_an_analysis_from_a_right_answer_is_said_at_once(doc, box, volume, monkeypatch):
+    analysis = HybridVolume.make_analysis(volume)
+    (nothing, *_) = problems(analysis)
+    assert "has no supports and no loads" in nothing.line
+    cube = doc.addObject("Part::Box", "Cube")
+    doc.recompute()
+    load = on_face(doc, analysis, "Pressure", cube, "Face2", "Face3")
+    (wrong,) = [error for error in problems(analysis) if error.code == "input"]
+    assert wrong.line == (
+        f"{load.Label} is on Face2, Face3 of Cube, but Box was meshed; pick its faces, edges or "
+        "vertices on Box"
+    )
+    with pytest.raises(InputError, match="but Box was meshed"):
+        HybridVolume.solve(analysis)
+    # a feature of the same shape will do
+    twin = doc.addObject("Part::Feature", "Twin")
+    twin.Shape = box.Shape
+    load.References = [(twin, "Face2")]
+    assert not [error for error in problems(analysis) if error.code == "input"]
+    (solver,) = [one for one in analysis.Group if "Solver" in one.Name]
+    solver.GeometricalNonlinearity = "nonlinear"
+    (wrong,) = [error for error in problems(analysis) if error.code == "input"]
+    assert "GeometricalNonlinearity nonlinear" in wrong.line
+    solver.GeometricalNonlinearity = "linear"
+    volume.FemMesh.Lost = ["Face2"]
+    (wrong,) = [error for error in problems(analysis) if error.code == "input"]
+    assert "does not find every node of the mesh on Face2" in wrong.line
+    volume.FemMesh.Lost = []
+    monkeypatch.setattr("shutil.which", lambda *_: None)
+    with pytest.raises(SetupError, match="CalculiX .ccx. is not installed; install the package"):
+        HybridVolume.solve(analysis)
+
+
 def test_what_cannot_be_done_is_said(doc, box, volume):
     cube = doc.addObject("Part::Box", "Cube")
     with pytest.raises(InputError, match="Cube has no meshes"):
@@ -142,8 +253,9 @@ def test_what_cannot_be_done_is_said(doc, box, volume):
     box.Length = 2 * box.Length.Value
     doc.recompute()
     document.update_status(volume)
-    with pytest.raises(InputError, match="out of date"):
+    with pytest.raises(OutOfDateError, match="out of date"):
         HybridVolume.recover_stress(analysis)
+    assert "out-of-date" in [error.code for error in problems(analysis)]
     with pytest.raises(InputError, match="out of date.*compute the hybrid volume again"):
         HybridVolume.make_analysis(volume)
     empty = ObjectsFem.makeAnalysis(doc, "Empty")

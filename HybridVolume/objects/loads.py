@@ -49,9 +49,9 @@ def references(analysis: Any) -> Iterator[Reference]:
 
 
 def misplaced(analysis: Any, mesh: Any) -> list[InputError]:
-    """One error for each support or load that is not on the body that was meshed.
+    """One error for each support or load that does not act, or not wholly, on the mesh.
 
-    The FEM workbench looks for nodes on such a face, finds none, and loads nothing.
+    The FEM workbench looks for nodes on a face; of another body it finds none, and loads nothing.
 
     Parameters
     ----------
@@ -60,7 +60,9 @@ def misplaced(analysis: Any, mesh: Any) -> list[InputError]:
     """
     bodies = meshed_bodies(mesh)
     same = {body.Name: True for body in bodies}
+    lost = set(getattr(mesh, "Lost", ()))
     wrong: dict[tuple[str, str], list[str]] = {}
+    partly: dict[str, list[str]] = {}
     for place in references(analysis):
         if place.body.Name not in same:
             # a feature of the same shape, like the last one of a PartDesign body, will do
@@ -69,6 +71,8 @@ def misplaced(analysis: Any, mesh: Any) -> list[InputError]:
         if not same[place.body.Name]:
             key = (place.constraint.Label, place.body.Label)
             wrong.setdefault(key, []).append(place.name or "everything")
+        elif place.name in lost:
+            partly.setdefault(place.constraint.Label, []).append(place.name)
     meshed = bodies[0].Label if bodies else mesh.Label
     return [
         InputError(
@@ -76,6 +80,13 @@ def misplaced(analysis: Any, mesh: Any) -> list[InputError]:
             remedy=f"pick its faces, edges or vertices on {meshed}",
         )
         for (constraint, body), names in wrong.items()
+    ] + [
+        InputError(
+            f"FreeCAD does not find every node of the mesh on {', '.join(names)}: "
+            f"{constraint} would not act on all of it",
+            remedy=f"heal {meshed} and compute the hybrid volume again",
+        )
+        for constraint, names in partly.items()
     ]
 
 
