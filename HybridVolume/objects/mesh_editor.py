@@ -8,14 +8,14 @@ from collections.abc import Callable
 from typing import Any
 
 from HybridVolume.core.density import Density
-from HybridVolume.errors import InputError
+from HybridVolume.errors import InputError, OutOfDateError
 from HybridVolume.job import Job, Progress, worker_python
 from HybridVolume.mesh_job import changed_density, check_order, mesh_job
 
 from .density import density_of, density_parameters, set_values
 from .properties import transaction
 from .stored_mesh import volume_object_of
-from .volume import mesh_parameters, mesh_values, update_status
+from .volume import mesh_parameters, mesh_values, source_fingerprint, update_status
 
 ORDERS = {1: "First", 2: "Second"}
 PROPERTIES = {
@@ -131,7 +131,19 @@ class MeshEditor:
     # The steps of it, which a window takes one after the other.
 
     def job(self, density: Density, order: int, *, engine: str = "auto", **keywords: Any) -> Job:
-        """The job that meshes again; ``keywords`` are those of `Job`."""
+        """The job that meshes again; ``keywords`` are those of `Job`.
+
+        Raises
+        ------
+        OutOfDateError
+            The body changed since the shell was computed.
+        """
+        if self.volume.ComputedFrom.get("Source") != source_fingerprint(self.volume.Source):
+            # said before the work, not after it
+            raise OutOfDateError(
+                f"{self.volume.Label} is out of date: the body changed",
+                remedy="complete the hybrid volume again",
+            )
         return mesh_job(
             self.volume.Result,
             density,
