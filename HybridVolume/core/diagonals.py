@@ -15,6 +15,8 @@ from .wedges import Wedges
 
 _POOR = 0.05
 """Scaled Jacobian of a cell's wedges below which its other diagonal is tried."""
+_LONG = 2.0
+"""Ratio of a cell's sides from which on only the longer one is halved."""
 _GAIN = 1.5
 """Factor by which the other diagonal must be better."""
 
@@ -87,9 +89,15 @@ def flip_at(
 
 
 def refine_at(
-    lines: GridLines, wanted: GridLines, triangles: np.ndarray, finest: int
+    lines: GridLines,
+    wanted: GridLines,
+    triangles: np.ndarray,
+    finest: int,
+    sides: np.ndarray | None = None,
 ) -> GridLines | None:
     """Halve the intervals of the strips through the cells of triangles at fault.
+
+    Of long cells only the long sides are halved.
 
     Parameters
     ----------
@@ -99,14 +107,18 @@ def refine_at(
         Without any all intervals are halved.
     finest : int
         Parts into which an interval of ``wanted`` may be cut.
+    sides : (nc, 2) array, optional
+        Lengths of the cells' sides along u and along v.
 
     Returns
     -------
     GridLines or None
         None where nothing can be halved any more.
     """
-    cells = np.full(lines.cells, not len(triangles))
+    cells = np.full((lines.cells, 2), not len(triangles))
     cells[np.asarray(triangles, dtype=np.int64) // 2] = True
+    if sides is not None:
+        cells &= sides * _LONG >= sides[:, ::-1]
     parts = []
     for marked, places, first in zip(lines.marked(cells), lines.places, wanted.places, strict=True):
         home = np.searchsorted(first, 0.5 * (places[1:] + places[:-1])) - 1

@@ -361,6 +361,14 @@ def build_finite_elements(
         wedges = None
         try:
             wedges, flipped = wedges_over(shell, lines, density, order, flipped)
+            folded = wedges.folded()
+            finer = None
+            if len(folded):
+                logger.info("%d outer triangles are folded", len(folded))
+                finer = refine_at(lines, wanted, folded, finest, wedges.cell_sides())
+            if finer is not None:
+                lines, flipped, tries = finer, None, 0
+                continue
             interior = fill_interior(wedges.interface, engine, surface=shell.surface, **options)
             mesh = _mesh(shell, wedges, interior, density)
             break
@@ -372,7 +380,8 @@ def build_finite_elements(
             if again is not None:
                 flipped, tries = again, tries + 1
                 continue
-            finer = refine_at(lines, wanted, error.triangles, finest)
+            sides = None if wedges is None else wedges.cell_sides()
+            finer = refine_at(lines, wanted, error.triangles, finest, sides)
             if finer is None:
                 raise
             lines, flipped, tries = finer, None, 0

@@ -23,7 +23,7 @@ THINNEST = 0.125
 """Share below which no outermost layer shall come: stress at nodes is spoilt by thinner ones."""
 _TYPICAL, _THIN = 0.5, 0.05
 """Shares of the area by which the number of layers is chosen, and which may be too thin for it."""
-_STEPS = 8
+_STEPS = 16
 """Samples of a column in each Bézier layer."""
 _EVENED = 4
 """Rounds in which neighbouring columns are brought near to each other."""

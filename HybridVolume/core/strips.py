@@ -12,10 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
-from .surface import SIDE_DIRECTION, PatchSurface
+from .assembly import direction_strips
+from .surface import PatchSurface
 
 
 @dataclass(frozen=True)
@@ -42,24 +41,8 @@ class Strips:
 
 def strips(surface: PatchSurface) -> Strips:
     """The strips of a closed surface."""
-    count = len(surface.patches)
-    along = np.array(SIDE_DIRECTION)
-    # a direction of a patch, once for each way to run
-    here = 2 * np.arange(count)[:, None] + along
-    there = 2 * surface.neighbour[..., 0] + along[surface.neighbour[..., 1]]
-    pairs = [
-        np.stack([2 * here + way, 2 * there + (surface.reversed ^ way)], axis=-1).reshape(-1, 2)
-        for way in (0, 1)
-    ]
-    rows, columns = np.concatenate(pairs).T
-    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(4 * count, 4 * count))
-    _, label = connected_components(graph, directed=False)
-    label = label.reshape(count, 2, 2)
-    found, number = np.unique(label.min(axis=2), return_inverse=True)
-    number = number.reshape(count, 2)
-    twisted = np.zeros(len(found), dtype=bool)
-    twisted[number[label[..., 0] == label[..., 1]]] = True
-    return Strips(number, label[..., 0] > label[..., 1], twisted)
+    number, turned, twisted = direction_strips(surface.neighbour, surface.reversed)
+    return Strips(number, turned, np.array(twisted))
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,8 +118,9 @@ class GridLines:
 
         Parameters
         ----------
-        cells : (nc,) bool array
-            For each cell of the grid, patch by patch, u then v.
+        cells : (nc, 2) bool array
+            For each cell of the grid, patch by patch, u then v: whether its intervals along u and
+            along v count.
 
         Returns
         -------
@@ -152,9 +136,9 @@ class GridLines:
             start += len(part)
             if not part.any():
                 continue
-            part = part.reshape(shape)
+            part = part.reshape(*shape, 2)
             for axis in (0, 1):
-                hit = part.any(axis=1 - axis)
+                hit = part[..., axis].any(axis=1 - axis)
                 found[number[axis]] |= hit[::-1] if turned[axis] else hit
         for n in np.flatnonzero(self.strips.twisted):
             found[n] = found[n] | found[n][::-1]

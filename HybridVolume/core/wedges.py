@@ -9,7 +9,7 @@ import numpy as np
 from .columns import evaluate_columns
 from .density import Density
 from .element_jacobians import prove_positive, scaled_jacobian
-from .elements import reference
+from .elements import jacobians, reference
 from .heights import layer_levels
 from .interior import Interface
 from .mid_nodes import outer_mids
@@ -113,6 +113,36 @@ class Wedges:
         nodes.append((self._edge + levels * self._e + np.arange(self._e)).ravel())
         ends.append((levels[..., None] * self._n + self.interface.edges).reshape(-1, 2))
         return np.concatenate(nodes), np.concatenate(ends)
+
+    def folded(self) -> np.ndarray:
+        """Triangles whose curved outer face, which stays as it is, is folded at one of its nodes.
+
+        No place of the nodes inside makes the wedges below them valid.
+        """
+        if self.order == 1:
+            return np.zeros(0, dtype=np.int64)
+        j = jacobians("tri6", self.nodes[self.triangles(0)], reference("tri6").nodes)
+        normal = np.cross(j[..., 0], j[..., 1])
+        return np.flatnonzero(
+            (np.einsum("tnc,tc->tn", normal, normal.mean(axis=1)) <= 0.0).any(axis=1)
+        )
+
+    def cell_sides(self) -> np.ndarray:
+        """Mean outer length of each cell's sides along u and along v, (nc, 2), mm."""
+        interface = self.interface
+        corners = self.nodes[interface.triangles]
+        uv = interface.triangle_uv
+        sides = []
+        for axis in (0, 1):
+            # the sides along an axis are those whose other parameter stays
+            length = np.zeros(len(corners))
+            for k in range(3):
+                ends = uv[:, k], uv[:, (k + 1) % 3]
+                along = ends[0][:, 1 - axis] == ends[1][:, 1 - axis]
+                step = np.linalg.norm(corners[:, k] - corners[:, (k + 1) % 3], axis=1)
+                length[along] = step[along]
+            sides.append(length.reshape(-1, 2).mean(axis=1))
+        return np.column_stack(sides)
 
     def quality(self, cells: np.ndarray | None = None) -> np.ndarray:
         """Smallest scaled Jacobian over all wedges of a cell, -1 where one is not proved.
