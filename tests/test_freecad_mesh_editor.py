@@ -57,19 +57,16 @@ def test_values_as_one_step_of_undo(volume):
     assert volume.Status == "Up to date" and editor.wanted() == (Density(), 2)
 
 
-@pytest.mark.parametrize(
-    ("values", "told"),
-    [
+def test_refusals_leave_the_document_alone(volume):
+    for values, told in (
         ({"size": -1.0}, "-1 mm"),
         ({"layers": 2}, "no such value: layers"),
         ({"order": 0}, "order is 0; choose 1 or 2"),
         ({"nodes": "greville", "size": 1.0}, "have no size"),
-    ],
-)
-def test_refusals_leave_the_document_alone(volume, values, told):
-    for method in (MeshEditor(volume).set, lambda **v: HybridVolume.remesh(volume, **v)):
-        with pytest.raises(InputError, match=told):
-            method(**values)
+    ):
+        for method in (MeshEditor(volume).set, lambda **v: HybridVolume.remesh(volume, **v)):
+            with pytest.raises(InputError, match=told):
+                method(**values)
     assert volume.Document.UndoCount == 0 and volume.Status == "Up to date"
 
 
