@@ -30,6 +30,8 @@ def test_the_fandisk_from_its_file_to_von_mises(tmp_path):
     assert not found["told"] and found["refused"] == ""
     assert found["status bar"].startswith("Next: pick a face of ")
     assert found["von Mises is chosen"]
+    steps, highest = found["again"]
+    assert steps == 1 and highest == pytest.approx(max(found["mises"]))
     macro = found["macro"]
     assert max(map(abs, macro["direction"])) == pytest.approx(1.0)
     assert found["force"][1:] == pytest.approx(macro["direction"], abs=1e-6)
