@@ -285,7 +285,9 @@ def test_ccx_reads_back_the_same_coordinates(tmp_path):
     rows = [line.split(",") for line in text.splitlines() if line[0].isdigit()]
     assert all(len(x) <= 20 for row in rows for x in row)
     found = np.array([[float(x) for x in row[1:]] for row in rows])
-    assert np.abs(found - mesh.nodes).max() < 1e-13
+    # every double as it was, but where 20 characters do not hold it
+    off, size = np.abs(found - mesh.nodes), np.abs(mesh.nodes)
+    assert (off[size >= 0.01] == 0.0).all() and (off <= 1e-13 * size).all()
 
 
 def test_unknown_faces_and_odd_names(tmp_path):

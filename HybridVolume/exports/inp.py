@@ -234,10 +234,8 @@ def _model(
     yield "*HEADING"
     yield f"{' '.join(title.split())[:70] or 'Hybrid volume'} (mm, N, MPa, t)"
     yield "*NODE, NSET=N_ALL"
-    # CalculiX reads 20 characters of a number
-    yield from (
-        f"{n},{x:.13e},{y:.13e},{z:.13e}" for n, (x, y, z) in enumerate(deck.nodes.tolist(), 1)
-    )
+    for number, place in enumerate(deck.nodes.tolist(), 1):
+        yield f"{number},{','.join(map(_number, place))}"
     start = 1
     for part, kind, connectivity in deck.parts:
         yield f"*ELEMENT, TYPE={CALCULIX_NAMES[kind]}, ELSET={part.upper()}"
@@ -265,6 +263,14 @@ def _model(
     yield from _equations(deck)
 
 
+def _number(value: float) -> str:
+    """A number in the 20 characters that CalculiX reads: all its digits where they fit, or 14."""
+    text = repr(value)
+    if len(text) > 20 and text.lstrip("-").startswith("0."):
+        text = text.replace("0.", ".", 1)
+    return text if len(text) <= 20 else f"{value:.13e}"
+
+
 def _surface(name: str, nodes: np.ndarray, elements: np.ndarray, side: int) -> Iterator[str]:
     yield f"*NSET, NSET=N_{name}"
     yield from _rows(np.unique(nodes) + 1)
@@ -281,7 +287,7 @@ def _equations(deck: Deck) -> Iterator[str]:
     rows = np.column_stack([deck.centres, deck.followed]) + 1
     factors = np.column_stack([np.ones(len(rows)), -deck.shares])
     for row, shares in zip(rows.tolist(), factors.tolist(), strict=True):
-        texts = [f"{share:.13e}" for share in shares]
+        texts = [_number(share) for share in shares]
         for axis in (1, 2, 3):
             terms = [f"{node},{axis},{text}" for node, text in zip(row, texts, strict=True)]
             yield str(len(terms))
