@@ -259,6 +259,16 @@ def test_gmsh_reads_the_med_file(tmp_path, gmsh_python, order):
             assert total == pytest.approx(exact, rel=1e-10)
 
 
+@pytest.mark.parametrize("stem", ["a b", "Fläche 2", "part.v2", "x" * 70, "ü" * 40])
+def test_med_files_of_any_name(tmp_path, stem):
+    path = tmp_path / f"{stem}.med"
+    write_mesh(path, bent_mesh(1))
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+    # of longer names than MED's FreeCAD itself reads nothing, whoever wrote them
+    if len(stem.encode()) <= 64:
+        assert Fem.read(str(path)).VolumeCount == 24
+
+
 def test_a_med_file_that_is_not_the_mesh_is_a_fault(tmp_path, monkeypatch):
     path = tmp_path / "body.med"
     path.write_bytes(b"old")

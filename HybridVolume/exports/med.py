@@ -17,11 +17,15 @@ import numpy as np
 
 from HybridVolume.core.elements import to_order
 from HybridVolume.errors import FaultError
+from HybridVolume.freecad_python import import_freecad
 
 from .blocks import Block, blocks_of, plain_names
 
 if TYPE_CHECKING:
     from HybridVolume.core.finite_elements import FiniteElementMesh
+
+_LONGEST_NAME = 64
+"""Bytes of a mesh's name in MED."""
 
 
 def write_med(path: str | os.PathLike, mesh: FiniteElementMesh) -> None:
@@ -35,20 +39,24 @@ def write_med(path: str | os.PathLike, mesh: FiniteElementMesh) -> None:
 
     Raises
     ------
+    SetupError
+        FreeCAD is not there, or not for this Python.
     FaultError
         What FreeCAD wrote is not the mesh.
     OSError
         The place cannot be written.
     """
+    import_freecad()
     import Fem
 
     blocks = blocks_of(mesh)
     made = _freecad_mesh(Fem.FemMesh(), mesh.nodes, blocks)
     path = Path(path)
     # FreeCAD names the mesh after the file, and finds it by that name only: the file is made with
-    # its own name in a folder beside its place
-    with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.stem}-") as folder:
-        part = Path(folder) / path.name
+    # its own name in a folder beside its place. Longer names than MED's only other programs read.
+    name = path.stem.encode("utf-8")[:_LONGEST_NAME].decode("utf-8", "ignore")
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".med-") as folder:
+        part = Path(folder) / f"{name}{path.suffix}"
         made.write(str(part))
         _compare(Fem.read(str(part)), mesh.nodes, blocks)
         os.replace(part, path)
