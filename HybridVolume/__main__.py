@@ -2,7 +2,8 @@
 # SPDX-FileCopyrightText: The HybridVolume authors
 """The command line: ``python -m HybridVolume BODY.step [options]``, in FreeCAD's Python.
 
-``reproduce`` as the first word remakes a figure or table of the documentation instead.
+``reproduce`` as the first word remakes a figure or table of the documentation instead, ``fit``
+makes spline patches of a quad mesh.
 
 Ends with 0 when every element is certified, 2 for an input that is refused (one line says why), 1
 for a fault of its own; 128 + n when signal n ended it. Nothing half-written ever stays.
@@ -25,7 +26,7 @@ from HybridVolume.completion import Screen, complete_file
 from HybridVolume.errors import HybridVolumeError, InputError
 from HybridVolume.job import ELEMENTS, MESH_EXPORTS, exit_code
 
-LATER = ("fit", "bench")
+LATER = ("bench",)
 """Words that a later version takes as commands."""
 GEOMETRY_SUFFIXES = (".step", ".stp", ".brep", ".brp")
 
@@ -431,6 +432,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from HybridVolume.reproduce import main as reproduce
 
         return reproduce(words[1:])
+    if words[:1] == ["fit"]:
+        from HybridVolume.fit_command import main as fit
+
+        return fit(words[1:])
     options = parser().parse_args(words)
     if options.body in LATER:
         parser().error(f"{options.body} is no command of version {HybridVolume.version}")
