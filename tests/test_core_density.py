@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 from shells import exact_volume, make_shell, shell_towards
 
+from HybridVolume.core import finite_elements as module
 from HybridVolume.core.assembly import build_surface
 from HybridVolume.core.density import Density
 from HybridVolume.core.diagonals import refine_at, wedges_over
 from HybridVolume.core.finite_elements import build_finite_elements
+from HybridVolume.core.gap import check_balance, gap_volume
 from HybridVolume.core.sizes import wanted_lines
 from HybridVolume.core.strips import base_lines, strips
-from HybridVolume.errors import InputError
+from HybridVolume.errors import InputError, MesherError
 
 
 def grid_edges(surface, lines):
@@ -125,6 +127,35 @@ def test_the_core_grows_inward():
     size = np.cbrt(interior.mesh.volumes)
     assert np.median(size[depth > 0.3]) > 1.5 * np.median(size[depth < 0.1])
     assert interior.mesh.volume == pytest.approx(interface.volume)
+
+
+@pytest.mark.parametrize("density", [Density(), Density(subdivide=2)])
+def test_a_core_that_reaches_into_the_shell_still_fills_the_body(monkeypatch, density):
+    """Facets that cut each other are drawn back along their columns, until they do not."""
+    shell = make_shell("torus")
+    fill, asked = module.fill_interior, []
+
+    def crossing(interface):
+        return np.arange(6) if len(interface.vertex_w) == 0 else np.zeros(0, dtype=int)
+
+    def refuse(interface, *args, **kwargs):
+        asked.append(interface)
+        if len(crossing(interface)):
+            raise MesherError("6 triangles cut each other")
+        return fill(interface, *args, **kwargs)
+
+    monkeypatch.setattr(module, "crossing_triangles", crossing)
+    monkeypatch.setattr(module, "fill_interior", refuse)
+    interface, interior, fem = build_finite_elements(shell, density)
+    assert fem.repairs["withdrawn"] > 6 and fem.repairs["refined"] == 0
+    assert interface.vertex_w.min() == 0.9 and np.count_nonzero(interface.vertex_w == 0.9) < 12
+    surface = shell.inner_surface()
+    off = interface.vertices - surface.evaluate_at(interface.vertex_patch, *interface.vertex_uv.T)
+    assert np.array_equal(np.abs(off).max(axis=1) > 1e-9, interface.vertex_w < 1.0)
+    assert np.array_equal(fem.nodes[fem.interface[:, :3]], interface.vertices[interface.triangles])
+    # shell, core and the space between them are the body all the same
+    check_balance(shell.surface, shell, interior, gap_volume(interface, shell))
+    assert fem.min_scaled_jacobian > 0.0
 
 
 def test_long_cells_are_halved_across_only():

@@ -167,13 +167,13 @@ def test_a_grid_that_fails_is_refined(monkeypatch):
     asked = []
     build = diagonals.build_interface
 
-    def counted(shell, nodes, parts, lines, flipped=None):
+    def counted(shell, nodes, parts, lines, **repairs):
         asked.append(lines.cells)
         if lines.cells <= 52:
             error = MesherError("too coarse")
             error.triangles = [0]
             raise error
-        return build(shell, nodes, parts, lines=lines, flipped=flipped)
+        return build(shell, nodes, parts, lines=lines, **repairs)
 
     monkeypatch.setattr(diagonals, "build_interface", counted)
     _, _, fem = build_finite_elements(shell)

@@ -229,4 +229,4 @@ def test_a_volume_of_an_earlier_version_is_read(stored, tmp_path, version):
     np.savez(tmp_path / "old.npz", **arrays)
     volume, again = make_volume("torus"), HybridVolume.load(tmp_path / "old.npz")
     assert all(place.startswith("volume.fem.repairs") for place in differences(volume, again))
-    assert again.fem.repairs == {"straightened": 7, "untangled": 0, "flipped": 0, "refined": 0}
+    assert again.fem.repairs == dict.fromkeys(volume.fem.repairs, 0) | {"straightened": 7}

@@ -280,7 +280,8 @@ def test_report(completed):
     assert quality["all"]["scaled_jacobian"]["min"] == fem["min_scaled_jacobian"] > 0
     parts = quality["shell"]["total_volume"] + quality["core"]["total_volume"]
     assert parts == pytest.approx(quality["all"]["total_volume"]) == pytest.approx(6.0)
-    assert set(fem["repairs"]) == {"straightened", "untangled", "flipped", "refined"}
+    repairs = {"straightened", "untangled", "flipped", "refined", "withdrawn"}
+    assert set(fem["repairs"]) == repairs
     assert fem["tet10"] == found["interior"]["tets"] and found["interior"]["boundary_exact"]
     assert found["midstructure"]["area"] > 0 and found["field"]["tets"] > 0
     seconds = found["seconds"]

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import MesherError
 from .density import Density
-from .interior import build_interface
+from .interior import Interface, build_interface
 from .shell import Shell
 from .strips import GridLines
 from .wedges import Wedges
@@ -17,6 +17,8 @@ _POOR = 0.05
 """Scaled Jacobian of a cell's wedges below which its other diagonal is tried."""
 _LONG = 2.0
 """Ratio of a cell's sides from which on only the longer one is halved."""
+_STEP, _SHORTEST = 0.1, 0.5
+"""Share of a column that it loses at a time, and what must be left of it."""
 _GAIN = 1.5
 """Factor by which the other diagonal must be better."""
 
@@ -27,6 +29,7 @@ def wedges_over(
     density: Density,
     order: int,
     flipped: np.ndarray | None = None,
+    reach: np.ndarray | None = None,
 ) -> tuple[Wedges, np.ndarray]:
     """Wedges over a grid; cells whose wedges are poor take the other diagonal if that is better.
 
@@ -38,6 +41,8 @@ def wedges_over(
     order : {1, 2}
     flipped : (nc,) bool array, optional
         Cells that are to be flipped; by default those that gain by it.
+    reach : (n,) array, optional
+        As for `build_interface`.
 
     Returns
     -------
@@ -49,7 +54,7 @@ def wedges_over(
     MesherError
         The grid is too coarse.
     """
-    wedges = _wedges(shell, lines, density, order, flipped)
+    wedges = _wedges(shell, lines, density, order, flipped, reach)
     if flipped is not None:
         return wedges, flipped
     none = np.zeros(lines.cells, dtype=bool)
@@ -86,6 +91,26 @@ def flip_at(
     quality = wedges.quality(cells)
     chosen = cells[(other > 0.0) & (other > 0.5 * np.minimum(quality, _POOR))]
     return _with(flipped, chosen) if len(chosen) else None
+
+
+def withdraw_at(interface: Interface, triangles: np.ndarray) -> np.ndarray | None:
+    """Shorten the columns under triangles that cut others, and half as much those around.
+
+    Where the inner surface cuts itself by little, or comes nearer to itself than its facets do, no
+    finer grid helps; a core that reaches a little into the shell does.
+
+    Returns
+    -------
+    (n,) array or None
+        Parameter w of each vertex; None where columns would lose more than half.
+    """
+    w = interface.vertex_w if len(interface.vertex_w) else np.ones(len(interface.vertices))
+    at = np.zeros(len(w), dtype=bool)
+    at[interface.triangles[triangles]] = True
+    near = np.zeros(len(w), dtype=bool)
+    near[interface.edges[at[interface.edges].any(axis=1)]] = True
+    found = w * np.where(at, 1.0 - _STEP, np.where(near, 1.0 - 0.5 * _STEP, 1.0))
+    return found if found.min() >= _SHORTEST else None
 
 
 def refine_at(
@@ -135,9 +160,10 @@ def _wedges(
     density: Density,
     order: int,
     flipped: np.ndarray | None,
+    reach: np.ndarray | None = None,
 ) -> Wedges:
     interface = build_interface(
-        shell, density.nodes, density.subdivide, lines=lines, flipped=flipped
+        shell, density.nodes, density.subdivide, lines=lines, flipped=flipped, reach=reach
     )
     return Wedges(shell, interface, density, order)
 

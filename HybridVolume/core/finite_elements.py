@@ -20,10 +20,10 @@ import numpy as np
 from ..errors import FaultError, MesherError
 from .columns import evaluate_columns
 from .density import Density
-from .diagonals import flip_at, refine_at, wedges_over
+from .diagonals import flip_at, refine_at, wedges_over, withdraw_at
 from .element_jacobians import relative_bound, volumes
 from .elements import EDGES, FACES, quadrature, shape_functions, shape_gradients
-from .interior import Interface, Interior, fill_interior
+from .interior import Interface, Interior, crossing_triangles, fill_interior
 from .mid_nodes import outer_mids
 from .repairs import Elements, straighten, untangle_inside
 from .shell import Shell
@@ -34,7 +34,7 @@ logger = logging.getLogger(__name__)
 
 _FLIPS = 2
 """Rounds of flipped diagonals before a grid is made finer."""
-REPAIRS = ("straightened", "untangled", "flipped", "refined")
+REPAIRS = ("straightened", "untangled", "flipped", "refined", "withdrawn")
 """Kinds of repairs that are counted."""
 
 
@@ -69,8 +69,9 @@ class FiniteElementMesh:
         Proved lower bound of det J over the mean edge product of each element.
     repairs : mapping of str to int
         What was done so that all elements are valid: "straightened" mid nodes (moved towards the
-        middle of their edge), "untangled" nodes, "flipped" diagonals of cells, and "refined" cells
-        (cut finer than was wanted).
+        middle of their edge), "untangled" nodes, "flipped" diagonals of cells, "refined" cells (cut
+        finer than was wanted), and "withdrawn" columns (shortened where the inner surface's
+        triangles cut each other).
     density : Density
         As it was wanted.
     surface_nodes : (nb,) int array
@@ -329,8 +330,9 @@ def build_finite_elements(
     """Interface, core and conforming mesh; the interface is refined until all three hold.
 
     A coarse grid may give facets that cut each other, or elements that cannot be proved, although
-    the shell is certified. Then the diagonals of the cells at fault are flipped, and the columns
-    there are cut finer, with the strips that they belong to.
+    the shell is certified. Then the diagonals of the cells at fault are flipped, columns under
+    facets that cut each other are shortened, and the columns at fault are cut finer, with the
+    strips that they belong to.
 
     Parameters
     ----------
@@ -356,38 +358,44 @@ def build_finite_elements(
     options = {"max_size": max_size, "free": free, "time_limit": time_limit}
     wanted = lines = wanted_lines(shell.surface, density)
     flipped: np.ndarray | None = None
+    reach: np.ndarray | None = None
     tries = 0
     while True:
-        wedges = None
+        wedges, finer = None, None
         try:
-            wedges, flipped = wedges_over(shell, lines, density, order, flipped)
+            wedges, flipped = wedges_over(shell, lines, density, order, flipped, reach)
             folded = wedges.folded()
-            finer = None
             if len(folded):
                 logger.info("%d outer triangles are folded", len(folded))
                 finer = refine_at(lines, wanted, folded, finest, wedges.cell_sides())
-            if finer is not None:
-                lines, flipped, tries = finer, None, 0
-                continue
-            interior = fill_interior(wedges.interface, engine, surface=shell.surface, **options)
-            mesh = _mesh(shell, wedges, interior, density)
-            break
+            if finer is None:
+                interior = fill_interior(wedges.interface, engine, surface=shell.surface, **options)
+                mesh = _mesh(shell, wedges, interior, density)
+                break
         except MesherError as error:
             logger.info("interface of %d cells: %s", lines.cells, error.line)
-            again = None
-            if wedges is not None and tries < _FLIPS:
-                again = flip_at(shell, lines, density, wedges, flipped, error.triangles)
-            if again is not None:
-                flipped, tries = again, tries + 1
-                continue
-            sides = None if wedges is None else wedges.cell_sides()
+            sides = None
+            if wedges is not None:
+                sides = wedges.cell_sides()
+                if tries < _FLIPS:
+                    more = flip_at(shell, lines, density, wedges, flipped, error.triangles)
+                    if more is not None:
+                        flipped, tries = more, tries + 1
+                        continue
+                crossing = crossing_triangles(wedges.interface)
+                if len(crossing):
+                    shorter = withdraw_at(wedges.interface, crossing)
+                    if shorter is not None:
+                        reach = shorter
+                        continue
             finer = refine_at(lines, wanted, error.triangles, finest, sides)
             if finer is None:
                 raise
-            lines, flipped, tries = finer, None, 0
+        lines, flipped, reach, tries = finer, None, None, 0
     repairs = {
         "flipped": int(np.count_nonzero(flipped)),
         "refined": lines.within(wanted),
+        "withdrawn": 0 if reach is None else int(np.count_nonzero(reach < 1.0)),
     }
     mesh = replace(mesh, repairs={**mesh.repairs, **repairs})
     logger.info(

@@ -61,13 +61,13 @@ def layer_levels(shell: Shell, interface: Interface, density: Density) -> Levels
     interface : Interface
     density : Density
     """
-    at_vertices = _Columns(shell, interface.vertex_patch, interface.vertex_uv)
+    at_vertices = _Columns(shell, interface.vertex_patch, interface.vertex_uv, interface.vertex_w)
     if density.plain:
         w = bspline.breakpoints(shell.knots_w)
-        vertices = np.repeat(w[:, None], len(interface.vertices), axis=1)
-        edges = np.repeat(w[:, None], len(interface.edges), axis=1)
-        return Levels(len(w) - 1, at_vertices.with_halves(vertices), edges)
-    at_edges = _Columns(shell, interface.edge_patch, interface.edge_uv)
+        ends = interface.edge_w if len(interface.edge_w) else np.ones(len(interface.edges))
+        vertices = at_vertices.with_halves(w[:, None] * at_vertices.end)
+        return Levels(len(w) - 1, vertices, w[:, None] * ends)
+    at_edges = _Columns(shell, interface.edge_patch, interface.edge_uv, interface.edge_w)
     if density.layers:
         count, growth = density.layers, np.full(len(interface.vertices), density.growth)
     else:
@@ -151,7 +151,7 @@ def _growth(slender: np.ndarray, count: int, growth: float) -> np.ndarray:
 class _Columns:
     """Lengths along columns of the shell, from outside to inside."""
 
-    def __init__(self, shell: Shell, patch: np.ndarray, uv: np.ndarray) -> None:
+    def __init__(self, shell: Shell, patch: np.ndarray, uv: np.ndarray, end: np.ndarray) -> None:
         lines = bspline.breakpoints(shell.knots_w)
         share = np.arange(_STEPS) / _STEPS
         inner = lines[:-1, None] + np.diff(lines)[:, None] * share
@@ -159,15 +159,16 @@ class _Columns:
         points = evaluate_columns(shell, patch, uv, self.w)
         steps = np.linalg.norm(np.diff(points, axis=0), axis=2)
         self.length = np.concatenate([np.zeros((1, len(patch))), np.cumsum(steps, axis=0)])
-
-    @property
-    def height(self) -> np.ndarray:
-        """Length of each column, (m,), mm."""
-        return self.length[-1]
+        self.end = end if len(end) else np.ones(len(patch))
+        w = np.broadcast_to(self.w[:, None], self.length.shape)
+        # as far as the interface, (m,), mm
+        self.height = _interpolated(w, self.length, self.end[None])[0]
 
     def places(self, shares: np.ndarray) -> np.ndarray:
-        """Parameters at shares (k, m) of the columns' heights; the ends are 0 and 1 exactly."""
-        return _interpolated(self.length, self.w[:, None], shares * self.height)
+        """Parameters at shares (k, m) of the columns' heights."""
+        found = _interpolated(self.length, self.w[:, None], shares * self.height)
+        found[-1] = self.end
+        return found
 
     def with_halves(self, w: np.ndarray) -> np.ndarray:
         """Levels (k, m) with those half-way up each layer between them, (2 k - 1, m)."""

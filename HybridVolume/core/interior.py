@@ -11,7 +11,7 @@ conforming mesh of both can be made (finite_elements). Facets and inner surface 
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -78,6 +78,9 @@ class Interface:
         "knots" or "greville".
     subdivide : int
         Into how many parts each cell's sides were cut.
+    vertex_w, edge_w : (n,), (e,) arrays
+        Parameter w of each vertex and mid point on its column: 1 on the inner surface, less where
+        its triangles would cut each other; empty where all are 1.
     """
 
     vertices: np.ndarray
@@ -93,6 +96,8 @@ class Interface:
     triangle_edges: np.ndarray
     nodes: str
     subdivide: int
+    vertex_w: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    edge_w: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def volume(self) -> float:
@@ -107,6 +112,7 @@ def build_interface(
     *,
     lines: GridLines | None = None,
     flipped: np.ndarray | None = None,
+    reach: np.ndarray | None = None,
 ) -> Interface:
     """Nodes and triangles of the inner surface over a parameter grid (section 3.3, Fig. 5).
 
@@ -125,6 +131,8 @@ def build_interface(
         Where the grid lines stand, instead.
     flipped : (nc,) bool array, optional
         Cells that are cut along the other diagonal; triangles 2 c and 2 c + 1 are those of cell c.
+    reach : (n,) array, optional
+        Parameter w of each vertex, by default 1 for all.
 
     Raises
     ------
@@ -162,8 +170,18 @@ def build_interface(
     ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2)
     edges[triangle_edges.ravel()] = np.sort(ends.reshape(-1, 2), axis=1)
     _check_simplices(triangles, edges, np.repeat(cell_patch, 2), surface)
+    vertices, midpoints = levels[-1, vertex_point], levels[-1, edge_point]
+    ends: tuple[np.ndarray, ...] = ()
+    if reach is not None:
+        ends = (reach, reach[edges].mean(axis=1))
+        for x, w, point in zip(
+            (vertices, midpoints), ends, (vertex_point, edge_point), strict=True
+        ):
+            short = np.flatnonzero(w < 1.0)
+            at = grid.owner[point[short]], grid.uv[point[short]]
+            x[short] = evaluate_columns(shell, *at, w[None, short])[0]
     return Interface(
-        vertices=levels[-1, vertex_point],
+        vertices=vertices,
         vertex_patch=grid.owner[vertex_point],
         vertex_uv=grid.uv[vertex_point],
         triangles=triangles,
@@ -172,10 +190,11 @@ def build_interface(
         edges=edges,
         edge_patch=grid.owner[edge_point],
         edge_uv=grid.uv[edge_point],
-        midpoints=levels[-1, edge_point],
+        midpoints=midpoints,
         triangle_edges=triangle_edges,
         nodes=nodes,
         subdivide=subdivide,
+        **dict(zip(("vertex_w", "edge_w"), ends, strict=False)),
     )
 
 
@@ -342,6 +361,11 @@ def fill_interior(
         best.min_dihedral,
     )
     return best
+
+
+def crossing_triangles(interface: Interface) -> np.ndarray:
+    """Triangles of the interface that cut or touch others which are not next to them, sorted."""
+    return np.unique(self_intersections(interface.vertices, interface.triangles))
 
 
 def _check_embedded(interface: Interface, surface: PatchSurface | None) -> None:

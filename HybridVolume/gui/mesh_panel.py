@@ -57,6 +57,7 @@ REPAIRS = {
     "untangled": "nodes moved",
     "flipped": "diagonals flipped",
     "refined": "cells cut finer",
+    "withdrawn": "columns shortened",
 }
 """What the repairs of a mesh are called."""
 
