@@ -21,6 +21,10 @@ from HybridVolume.exports.mesh_file import FORMATS, NEED_FREECAD, check_format, 
 MESHES = {
     "torus": lambda: make_volume("torus").fem,
     "linear hollow sphere": lambda: make_volume("hollow sphere", 1).fem,
+    "odd names": lambda: replace(
+        make_volume("box").fem,
+        face_names=("Shell", "Interface", "Face3", "Core", "Fläche 5", "Interface_2"),
+    ),
     "tiny and far away": lambda: _moved(make_volume("box").fem, 1e-3, [900.0, -700.0, 1e-5]),
 }
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import chain, count
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,18 +28,21 @@ class Block:
     Attributes
     ----------
     group : str
-        Shell, Core, the name of a CAD face, or Interface.
+        Shell, Core, the name of a CAD face, or Interface; each once.
     dimension : {2, 3}
     kind : str
         As in `HybridVolume.core.elements`.
     connectivity : (m, n) int array
         Nodes from 0, in the order of Abaqus.
+    face : int
+        Position among the mesh's CAD faces; -1 where it is none of them.
     """
 
     group: str
     dimension: int
     kind: str
     connectivity: np.ndarray
+    face: int = -1
 
 
 def blocks_of(mesh: FiniteElementMesh) -> list[Block]:
@@ -58,7 +62,13 @@ def blocks_of(mesh: FiniteElementMesh) -> list[Block]:
         Block(SHELL, 3, mesh.wedge_kind, mesh.wedges),
         Block(CORE, 3, mesh.tet_kind, mesh.tets),
     ]
-    found += [Block(name, 2, mesh.face_kind, mesh.face_triangles(name)) for name in mesh.face_names]
+    taken = {SHELL, CORE, INTERFACE}
+    for face, name in enumerate(mesh.face_names):
+        # a face may be called as one of our own groups is
+        group = next(n for n in chain([name], (f"{name}_{k}" for k in count(2))) if n not in taken)
+        taken.add(group)
+        rows = mesh.boundary[mesh.boundary_face == face]
+        found.append(Block(group, 2, mesh.face_kind, rows, face))
     return [*found, Block(INTERFACE, 2, mesh.face_kind, mesh.interface)]
 
 
@@ -89,9 +99,9 @@ def plain_names(names: Iterable[str], capitals: bool = False, longest: int = 60)
     for wanted in names:
         text = wanted.upper() if capitals else wanted
         name = base = re.sub(r"[^A-Za-z0-9_]", "_", text)[:longest] or "FACE"
-        count = 1
+        number = 1
         while name in found.values():
-            count += 1
-            name = f"{base}_{count}"
+            number += 1
+            name = f"{base}_{number}"
         found[wanted] = name
     return found

@@ -79,8 +79,8 @@ def _wedges(mesh: FiniteElementMesh, block: Block) -> np.ndarray:
         return np.arange(len(mesh.wedges))
     if block.dimension == 3:
         return np.full(len(block.connectivity), -1)
-    if block.group in mesh.face_names:
-        return mesh.boundary_wedge[mesh.boundary_face == mesh.face_names.index(block.group)]
+    if block.face >= 0:
+        return mesh.boundary_wedge[mesh.boundary_face == block.face]
     return interface_wedges(mesh)
 
 
