@@ -19,8 +19,10 @@ from shells import make_volume
 import HybridVolume
 from HybridVolume import exchange
 from HybridVolume import job as protocol
+from HybridVolume.core.pipeline import Options
 from HybridVolume.errors import GapError, InputError, SetupError, WorkerError
 from HybridVolume.job import Job
+from HybridVolume.mesh_job import changed_density, mesh_job
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="workers are made of POSIX scripts")
 
@@ -164,8 +166,8 @@ def test_another_mesh_of_a_volume():
         report = j.report()
         deck = j.exported("inp").read_text()
     # what is not asked for stays as it is
-    third = HybridVolume.remesh(again, fem_layers=1, python=sys.executable)
-    assert (third.fem.order, third.fem.density.subdivide, third.fem.density.layers) == (1, 2, 1)
+    third = mesh_job(again, changed_density(again.fem.density, fem_layers=1), 1)
+    assert Options(**third.options).density == replace(again.fem.density, layers=1)
     assert np.array_equal(again.shell.layers, volume.shell.layers)
     assert np.array_equal(again.certificate.min_bernstein, volume.certificate.min_bernstein)
     assert again.fem.order == 1 and again.fem.density.subdivide == 2
@@ -178,6 +180,26 @@ def test_another_mesh_of_a_volume():
     assert quality["shell"]["elements"] == len(again.fem.wedges) == report["fem"]["penta6"]
     assert quality["all"]["scaled_jacobian"]["min"] == report["fem"]["min_scaled_jacobian"]
     assert deck.count("*ELEMENT, TYPE=C3D6") == 1
+
+
+def test_hexahedra_in_the_deck():
+    volume = told_volume("box")
+    asked = {"goal": "mesh", "volume": volume, "elements": "hex20", "exports": ("inp",)}
+    with Job([], **asked, python=sys.executable) as job:
+        again = job.run()
+        figures = job.report()["fem"]
+        deck = job.exported("inp").read_text()
+    hexes = figures["hexahedra"]
+    # two wedges a hexahedron, on the same core
+    assert 2 * hexes["hex20"] + hexes["penta15"] == len(again.fem.wedges) == figures["penta15"]
+    assert hexes["tet10"] == len(again.fem.tets)
+    assert hexes["volume"] == pytest.approx(6.0, rel=1e-9)
+    assert deck.count("*ELEMENT, TYPE=C3D20") == 1 and "*EQUATION" in deck
+    with (
+        Job([], **asked, options={"order": 1}, python=sys.executable) as job,
+        pytest.raises(InputError, match="hexahedra have the order 2"),
+    ):
+        job.run()
 
 
 @pytest.mark.parametrize("options", [{"size": -1.0}, {"face_sizes": {"Face99": 0.1}}])
