@@ -127,7 +127,8 @@ def mesh_and_words(answer):
     press("whole")
 
     # finer at one face, which is picked
-    child("subdivide", QtGui.QSpinBox).setFocus()
+    child("tabs").setCurrentIndex(0)
+    wait(200)
     type_into(child("subdivide"), "2")
     press("sizesToggle")
     wait(300)

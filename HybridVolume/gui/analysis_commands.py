@@ -23,7 +23,7 @@ ANALYSIS = "HybridVolume_Analysis"
 SOLVE = "HybridVolume_Solve"
 STRESS = "HybridVolume_Stress"
 
-WIDTH = 390
+WIDTH = 430
 """Of the dock with the FEM workbench's panel of results, pixels."""
 
 READY = (
@@ -215,6 +215,8 @@ def show_result(analysis: Any) -> Any:
             one.ViewObject.Visibility = False
     if result.Mesh and result.Mesh.ViewObject:
         result.Mesh.ViewObject.Visibility = True
+        # the colours count: the lines of a fine mesh would cover them
+        result.Mesh.ViewObject.DisplayMode = "Faces"
     # what the workbench's panel begins with: von Mises stress, on the undeformed mesh
     FreeCAD.FEM_dialog = {
         **{"results_type": "Sabs", "show_disp": False},

@@ -16,7 +16,6 @@ from pivy import coin
 
 from .coin_nodes import OFF, ON, Faces, separator, switch, unpickable
 from .stage import Added, Hidden
-from .work import is_deleted
 
 if TYPE_CHECKING:
     from HybridVolume.core.field_view import Inner
@@ -44,11 +43,7 @@ class IsosurfaceView:
         for obj in hidden:
             self._hidden.hide(obj)
         self._source = source
-        self._forced = False
-        shown = source.ViewObject.SwitchNode
-        if shown.whichChild.getValue() == OFF and shown.getNumChildren():
-            self._force(True)
-            self._hidden.turn(source, 0)
+        self._hidden.show(source)
         # the one lamp is at the eye: rims would be black
         rim = coin.SoMaterial()
         rim.emissiveColor = RIM
@@ -86,15 +81,6 @@ class IsosurfaceView:
         if place >= 0:
             self._body.removeChild(place)
         self._hidden.close()
-        self._force(False)
-
-    def _force(self, on: bool) -> None:
-        """Let FreeCAD make the picture of a body that was never to be seen in this session."""
-        if on != self._forced and not is_deleted(self._source):
-            view = self._source.ViewObject
-            if hasattr(view, "ForceUpdate"):
-                view.ForceUpdate = on
-                self._forced = on
 
 
 def _glass() -> Any:

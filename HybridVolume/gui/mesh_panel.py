@@ -39,8 +39,9 @@ from .stage import Added, Hidden
 from .volume_macro import VolumeMacro
 from .work import NO_ENVIRONMENT, environment_setup, is_deleted, waiting
 
-OTHERS, LEAST_TABLE, MOST_TABLE = 790, 100, 330
-"""Pixels: height of what is above, beside and below the tables, and of the tables."""
+OTHERS, LEAST_TABLE, LEAST_OPEN, MOST_TABLE = 620, 230, 350, 420
+"""Pixels: height of what is above, beside and below the pages, and of the pages, also with the
+table of faces open."""
 
 CLICK = "Click an element in the 3D view to read its figures."
 
@@ -248,8 +249,6 @@ class MeshPanel(RunPanel):
         form.worst.toggled.connect(lambda *_: self._show_worst())
         form.worstCount.valueChanged.connect(lambda *_: self._count_worst())
         form.whole.clicked.connect(self._show_all)
-        room = FreeCADGui.getMainWindow().height() - OTHERS
-        form.tabs.setFixedHeight(max(LEAST_TABLE, min(room, MOST_TABLE)))
         form.element.setText(CLICK)
         self._idle(mesh.Status)
 
@@ -280,14 +279,17 @@ class MeshPanel(RunPanel):
 
     def _set_stage(self) -> None:
         """Show the mesh; or the body, whose faces can be picked, while their table is open."""
-        if self._scene is None:
+        if self._scene is None:  # the form is still being made
             return
+        room = FreeCADGui.getMainWindow().height() - OTHERS
+        least = LEAST_OPEN if self._density.faces.open else LEAST_TABLE
+        self.form.tabs.setFixedHeight(max(least, min(room, MOST_TABLE)))
         self._leave_stage()
         for part in (getattr(self._volume, name) for name in (*CHILDREN, "AnalysisBody")):
             if part is not None and part.ViewObject is not None:
                 self._hidden.hide(part)
         if self._density.faces.open:
-            self._hidden.turn(self._source, 0)
+            self._hidden.show(self._source)
             return
         if self._source is not None:
             self._hidden.hide(self._source)

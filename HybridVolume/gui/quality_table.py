@@ -28,23 +28,22 @@ ROWS: tuple[_Row, ...] = (
         lambda g: f"{g.min_bound:.2g}",
     ),
     (
-        "Dihedral angles",
-        "Smallest and largest angle between two faces of an element. A regular tet has 70.5°, a "
-        "regular wedge 60° and 90°.",
-        lambda g: f"{g.min_dihedral:.1f}° to {g.max_dihedral:.1f}°",
+        "Dihedral angle, smallest",
+        "Between two faces of an element. A regular tet has 70.5°, a regular wedge 60° and 90°.",
+        lambda g: f"{g.min_dihedral:.1f}°",
     ),
+    ("Dihedral angle, largest", "", lambda g: f"{g.max_dihedral:.1f}°"),
     (
-        "Aspect, mean and worst",
+        "Aspect, mean",
         "Longest edge over smallest height; 1 is a regular element. Thin layers have large ones.",
-        lambda g: f"{g.aspect.mean:.2f}, {g.aspect.max:.3g}",
+        lambda g: f"{g.aspect.mean:.2f}",
     ),
-    ("Edges, mm", "Shortest and longest", lambda g: f"{g.edge.min:.3g} to {g.edge.max:.3g}"),
+    ("Aspect, worst", "", lambda g: f"{g.aspect.max:.3g}"),
+    ("Edges, shortest, mm", "", lambda g: f"{g.edge.min:.3g}"),
     ("Edges, mean, mm", "", lambda g: f"{g.edge.mean:.3g}"),
-    (
-        "Element volumes, mm³",
-        "Smallest and largest",
-        lambda g: f"{g.volume.min:.2g} to {g.volume.max:.2g}",
-    ),
+    ("Edges, longest, mm", "", lambda g: f"{g.edge.max:.3g}"),
+    ("Volume, smallest, mm³", "Of an element", lambda g: f"{g.volume.min:.2g}"),
+    ("Volume, largest, mm³", "Of an element", lambda g: f"{g.volume.max:.2g}"),
     ("Volume together, mm³", "", lambda g: f"{g.total_volume:.6g}"),
 )
 

@@ -8,6 +8,7 @@ meanwhile, its Undo and its view settings do not notice.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
@@ -34,6 +35,7 @@ class Hidden:
 
     def __init__(self) -> None:
         self._switches: list[tuple[Any, int, int]] = []
+        self._forced: list[Any] = []
 
     def hide(self, obj: Any) -> None:
         """Draw nothing of an object."""
@@ -47,8 +49,24 @@ class Hidden:
         self._switches.append((switch, before, child))
         switch.whichChild = child
 
+    def show(self, obj: Any) -> None:
+        """Draw an object that is hidden, in its first display mode."""
+        view = obj.ViewObject
+        switch = view.SwitchNode
+        if switch.whichChild.getValue() != coin.SO_SWITCH_NONE or not switch.getNumChildren():
+            return
+        # FreeCAD makes no picture of what was never to be seen in this session
+        if hasattr(view, "ForceUpdate") and not view.ForceUpdate:
+            view.ForceUpdate = True
+            self._forced.append(obj)
+        self.turn(obj, 0)
+
     def close(self) -> None:
         """Put everything back; what was turned on or off otherwise meanwhile stays so."""
+        for obj in self._forced:
+            with contextlib.suppress(ReferenceError, RuntimeError):  # deleted meanwhile
+                obj.ViewObject.ForceUpdate = False
+        self._forced = []
         for switch, before, after in reversed(self._switches):
             if switch.whichChild.getValue() == after:
                 switch.whichChild = before
