@@ -181,7 +181,9 @@ def solve(major: float, minor: float, material: Material, degree: int = DEGREE) 
             # nothing turns about z
             stiffness[nb : 2 * nb] = stiffness[:, nb : 2 * nb] = 0.0
             stiffness[nb : 2 * nb, nb : 2 * nb] = np.eye(nb) * np.trace(stiffness) / (2 * nb)
-        size = 1.0 / np.sqrt(np.diag(stiffness) + np.finfo(float).tiny)
+        # a displacement along z has no stiffness
+        diagonal = np.diag(stiffness)
+        size = 1.0 / np.sqrt(np.where(diagonal > 1e-12 * diagonal.max(), diagonal, diagonal.max()))
         scaled = stiffness * size[:, None] * size
         solution, *_ = np.linalg.lstsq(scaled, size * force, rcond=1e-13)
         found.append((size * solution).reshape(3, nb))
