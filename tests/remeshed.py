@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""Hybrid volumes of FreeCAD solids whose shells are made by hand and meshed in the worker."""
+"""Hybrid volumes of FreeCAD solids: shells made by hand, meshes by the worker's Python."""
 
 from __future__ import annotations
 
+import os
+import subprocess
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from box_mesh import box_mesh
+from conftest import PROJECT
 from part_bodies import to_part_solid
 from shells import BODIES, shell_towards
 
@@ -17,7 +20,7 @@ from HybridVolume.core.hybrid import HybridVolume
 from HybridVolume.core.midstructure import Midstructure, Sheet
 from HybridVolume.core.validity import certify
 from HybridVolume.errors import SetupError
-from HybridVolume.job import Job, worker_python
+from HybridVolume.job import worker_python
 
 
 def transformed(body, scale=1.0, turn=0.0, shift=(0.0, 0.0, 0.0)):
@@ -63,11 +66,36 @@ def shelled(name, *, layers=2, read=None, **transform):
     return found, volume
 
 
-def meshed(volume, **options):
-    """The same volume with a mesh of the worker, and the worker's report."""
+_MESH = """
+import sys
+from HybridVolume.core.density import Density
+from HybridVolume.core.hybrid import HybridVolume
+from HybridVolume.core.remesh import remesh
+
+for path in sys.argv[1:]:
+    name, subdivide, order = path.rsplit("_", 2)
+    volume = remesh(HybridVolume.load(name), Density(subdivide=int(subdivide)), order=int(order))
+    volume.save(path)
+"""
+
+
+def meshed(volumes, folder):
+    """The same volumes with meshes, all made by one process of the worker's Python.
+
+    Parameters
+    ----------
+    volumes : mapping of str to (HybridVolume, subdivide, order)
+    folder : Path
+    """
     try:
         python = worker_python()
     except SetupError as missing:
         pytest.skip(missing.line)
-    with Job([], goal="mesh", volume=volume, options=options, python=python) as job:
-        return job.run(), job.report()
+    paths = {}
+    for number, (name, (volume, subdivide, order)) in enumerate(volumes.items()):
+        volume.save(folder / str(number))
+        paths[name] = f"{folder / str(number)}_{subdivide}_{order}"
+    environment = {**os.environ, "PYTHONPATH": str(PROJECT), "OMP_NUM_THREADS": "1"}
+    command = [python, "-c", _MESH, *paths.values()]
+    subprocess.run(command, env=environment, check=True, timeout=120)
+    return {name: HybridVolume.load(path) for name, path in paths.items()}

@@ -2,8 +2,10 @@
 # SPDX-FileCopyrightText: The HybridVolume authors
 """The FEM mesh of a document: found on faces, edges and vertices, kept by files, made again."""
 
+import tempfile
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,10 +31,12 @@ from HybridVolume.objects.coverage import Places, cover
 from HybridVolume.objects.fem_mesh import arrays_of, build, differences, element_numbers
 from HybridVolume.objects.prepared_mesh import PreparedMesh
 from HybridVolume.objects.volume import parameters_of, remesh_suffices, source_fingerprint
+from HybridVolume.report import volume_report
 from HybridVolume.sources import read_shape
 
 BODIES = {
     "torus": {},
+    "tiny torus": {"scale": 1e-3, "turn": 0.7},
     "huge torus far away": {"scale": 300.0, "turn": -2.0, "shift": (4e3, -3e3, 1e3)},
     "hollow sphere": {"turn": 1.0, "shift": (0.3, 20.0, -7.0)},
     "small box": {"scale": 1e-2, "turn": 0.2},
@@ -40,11 +44,28 @@ BODIES = {
 
 
 @cache
-def made(name, **options):
-    """A body, its volume and the worker's report."""
-    (kind,) = [kind for kind in ("torus", "hollow sphere", "box") if kind in name]
-    body, volume = shelled(kind, read=read_shape, **BODIES[name])
-    return body, *meshed(volume, **options)
+def everything():
+    """Bodies by name, and their volumes with meshes."""
+    bodies, volumes = {}, {}
+    for name, transform in BODIES.items():
+        (kind,) = [kind for kind in ("torus", "hollow sphere", "box") if kind in name]
+        bodies[name], volume = shelled(kind, read=read_shape, **transform)
+        volumes[name] = (volume, 1, 2)
+    volumes["finer torus"] = (volumes["torus"][0], 2, 1)
+    with tempfile.TemporaryDirectory() as folder:
+        return bodies, meshed(volumes, Path(folder))
+
+
+def made(name):
+    """A body and its volume."""
+    bodies, volumes = everything()
+    return bodies[name], volumes[name]
+
+
+@cache
+def report_of(name):
+    """The report of a volume."""
+    return volume_report(made(name)[1], {"file": name}, {})
 
 
 @pytest.fixture
@@ -62,7 +83,7 @@ def inserted(doc, folder, name="torus", placement=None):
 
     ``placement`` is that of a container; the body stands where it would stand without one.
     """
-    body, volume, report = made(name)
+    body, volume = made(name)
     source = doc.addObject("Part::Feature", "Body")
     source.Shape = body.shape
     if placement is not None:
@@ -75,7 +96,7 @@ def inserted(doc, folder, name="torus", placement=None):
         solid=1,
         volume=volume,
         result=folder / "result.npz",
-        report=report,
+        report=report_of(name),
         parameters=parameters_of(volume),
         fingerprint=source_fingerprint(source),
     )
@@ -84,9 +105,9 @@ def inserted(doc, folder, name="torus", placement=None):
     return obj, volume
 
 
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize("name", ["huge torus far away", "hollow sphere", "small box"])
 def test_every_node_is_measured_and_found(name):
-    body, volume, _ = made(name)
+    body, volume = made(name)
     arrays = arrays_of(volume.fem)
     known = {face: np.unique(rows) for face, (_, rows) in arrays.faces.items()}
     places = Places.of(volume.fem, volume.surface, body)
@@ -117,8 +138,7 @@ def test_every_node_is_measured_and_found(name):
 
 def test_what_the_search_of_freecad_misses_is_told():
     """On a body of some µm OCC's search fails at nodes that lie on the face."""
-    body, volume = shelled("torus", read=read_shape, scale=1e-3, turn=0.7)
-    volume, _ = meshed(volume)
+    body, volume = made("tiny torus")
     arrays = arrays_of(volume.fem)
     places = Places.of(volume.fem, volume.surface, body)
     found = cover(arrays, body.shape, places, seconds=60.0)
@@ -139,7 +159,7 @@ def test_what_the_search_of_freecad_misses_is_told():
 
 
 def test_a_node_beside_a_face_is_noticed_even_where_nobody_looked(monkeypatch):
-    body, volume, _ = made("torus")
+    body, volume = made("torus")
     fem = volume.fem
     monkeypatch.setattr(coverage, "SAMPLED_NODES", 16 * 4)
     around = np.concatenate([fem.face_nodes(f) for f in fem.face_names if f != "Face5"])
@@ -188,7 +208,7 @@ def test_nodes_beside_all_faces(doc):
 
 
 def test_a_face_so_wide_that_it_takes_its_neighbours():
-    body, volume, _ = made("torus")
+    body, volume = made("torus")
     wide = body.shape.copy()
     wide.fixTolerance(1.0)
     with pytest.raises(FaultError, match="elements of their neighbours"):
@@ -196,7 +216,7 @@ def test_a_face_so_wide_that_it_takes_its_neighbours():
 
 
 def test_an_edge_without_nodes_is_told():
-    body, volume, _ = made("small box")
+    body, volume = made("small box")
     search = coverage._Search(
         arrays := arrays_of(volume.fem),
         {name: np.unique(rows) for name, (_, rows) in arrays.faces.items()},
@@ -269,7 +289,7 @@ def test_the_fem_workbench_finds_nodes_for_loads(doc, tmp_path, moved):
 
 
 def test_a_file_that_lost_something_is_no_success(doc, tmp_path, monkeypatch):
-    body, volume, report = made("torus")
+    body, volume = made("torus")
     volume.save(tmp_path / "result.npz")
     source = doc.addObject("Part::Feature", "Body")
     source.Shape = body.shape
@@ -279,7 +299,7 @@ def test_a_file_that_lost_something_is_no_success(doc, tmp_path, monkeypatch):
             1,
             volume,
             tmp_path / "result.npz",
-            report,
+            report_of("torus"),
             parameters_of(volume),
             source_fingerprint(source),
         )
@@ -309,9 +329,9 @@ def test_another_mesh_for_the_same_shell(doc, tmp_path):
     doc.recompute()
     assert obj.Status == "Out of date: FemMesh.FaceSizes, FemMesh.Subdivide changed"
     assert mesh.Status == obj.Status and remesh_suffices(obj)
-    finer, report = meshed(volume, order=1, subdivide=2)
+    finer = everything()[1]["finer torus"]
     doc.clearUndos()
-    assert document.replace_mesh(obj, finer, report=report) is mesh
+    assert document.replace_mesh(obj, finer) is mesh
     assert doc.UndoCount == 1 and mesh in analysis.Group
     assert obj.Status == mesh.Status == obj.Shell.Status == "Up to date"
     assert not remesh_suffices(obj)
