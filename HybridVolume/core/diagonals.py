@@ -8,7 +8,8 @@ import numpy as np
 
 from ..errors import MesherError
 from .density import Density
-from .interior import Interface, build_interface
+from .element_jacobians import scaled_jacobian
+from .interior import Interface, Interior, build_interface
 from .shell import Shell
 from .strips import GridLines
 from .wedges import Wedges
@@ -19,6 +20,8 @@ _LONG = 2.0
 """Ratio of a cell's sides from which on only the longer one is halved."""
 _STEP, _SHORTEST = 0.1, 0.5
 """Share of a column that it loses at a time, and what must be left of it."""
+_FLAT = 0.02
+"""Scaled Jacobian of tets that are worth another diagonal."""
 _GAIN = 1.5
 """Factor by which the other diagonal must be better."""
 
@@ -60,12 +63,12 @@ def wedges_over(
     none = np.zeros(lines.cells, dtype=bool)
     quality = wedges.quality()
     poor = np.flatnonzero(quality < _POOR)
-    better = poor[_others(shell, lines, density, order, none, poor) > _GAIN * quality[poor]]
+    better = poor[_others(shell, lines, density, order, none, poor, reach) > _GAIN * quality[poor]]
     if not len(better):
         return wedges, none
     chosen = _with(none, better)
     try:
-        return _wedges(shell, lines, density, order, chosen), chosen
+        return _wedges(shell, lines, density, order, chosen, reach), chosen
     except MesherError:
         return wedges, none
 
@@ -77,6 +80,7 @@ def flip_at(
     wedges: Wedges,
     flipped: np.ndarray,
     triangles: np.ndarray,
+    reach: np.ndarray | None = None,
 ) -> np.ndarray | None:
     """Flip the cells of triangles at fault that were not flipped yet and whose wedges stay valid.
 
@@ -87,10 +91,36 @@ def flip_at(
     """
     cells = np.unique(np.asarray(triangles, dtype=np.int64) // 2)
     cells = cells[~flipped[cells]]
-    other = _others(shell, lines, density, wedges.order, flipped, cells)
+    other = _others(shell, lines, density, wedges.order, flipped, cells, reach)
     quality = wedges.quality(cells)
     chosen = cells[(other > 0.0) & (other > 0.5 * np.minimum(quality, _POOR))]
     return _with(flipped, chosen) if len(chosen) else None
+
+
+def flat_tets(interface: Interface, interior: Interior) -> np.ndarray:
+    """Triangles of cells between whose two triangles there is a flat tet.
+
+    Along the other diagonal such a cell is bent the other way, and the tet is not in the core.
+    """
+    tets, n = interior.mesh.tets, len(interface.vertices)
+    on = tets[(tets < n).all(axis=1)]
+    on = on[scaled_jacobian("tet4", interior.mesh.vertices[on]) < _FLAT]
+    four = np.sort(on, axis=1)
+    pairs = interface.triangles.reshape(-1, 6)
+    both = np.sort(pairs, axis=1)
+    # the two triangles of a cell have four different corners, two of them twice
+    once = both[np.arange(len(both))[:, None], _distinct(both)]
+    rows = np.concatenate([once, four])
+    _, label = np.unique(rows, axis=0, return_inverse=True)
+    label = label.reshape(-1)
+    return 2 * np.flatnonzero(np.isin(label[: len(once)], label[len(once) :]))
+
+
+def _distinct(rows: np.ndarray) -> np.ndarray:
+    """Positions of the four different numbers in sorted rows of six, (m, 4)."""
+    fresh = np.ones(rows.shape, dtype=bool)
+    fresh[:, 1:] = rows[:, 1:] != rows[:, :-1]
+    return np.argsort(~fresh, axis=1, kind="stable")[:, :4]
 
 
 def withdraw_at(interface: Interface, triangles: np.ndarray) -> np.ndarray | None:
@@ -175,12 +205,13 @@ def _others(
     order: int,
     flipped: np.ndarray,
     cells: np.ndarray,
+    reach: np.ndarray | None = None,
 ) -> np.ndarray:
     """Quality of cells' wedges along their other diagonals, -1 where they are not proved."""
     if not len(cells):
         return np.zeros(0)
     try:
-        wedges = _wedges(shell, lines, density, order, _with(flipped, cells))
+        wedges = _wedges(shell, lines, density, order, _with(flipped, cells), reach)
     except MesherError:
         # other diagonals that join the same vertices
         return np.full(len(cells), -1.0)

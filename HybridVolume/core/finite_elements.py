@@ -20,7 +20,7 @@ import numpy as np
 from ..errors import FaultError, MesherError
 from .columns import evaluate_columns
 from .density import Density
-from .diagonals import flip_at, refine_at, wedges_over, withdraw_at
+from .diagonals import flat_tets, flip_at, refine_at, wedges_over, withdraw_at
 from .element_jacobians import relative_bound, volumes
 from .elements import EDGES, FACES, quadrature, shape_functions, shape_gradients
 from .interior import Interface, Interior, crossing_triangles, fill_interior
@@ -370,6 +370,12 @@ def build_finite_elements(
                 finer = refine_at(lines, wanted, folded, finest, wedges.cell_sides())
             if finer is None:
                 interior = fill_interior(wedges.interface, engine, surface=shell.surface, **options)
+                flat = flat_tets(wedges.interface, interior)
+                if len(flat) and tries < _FLIPS:
+                    more = flip_at(shell, lines, density, wedges, flipped, flat, reach)
+                    if more is not None:
+                        flipped, tries = more, tries + 1
+                        continue
                 mesh = _mesh(shell, wedges, interior, density)
                 break
         except MesherError as error:
@@ -378,7 +384,7 @@ def build_finite_elements(
             if wedges is not None:
                 sides = wedges.cell_sides()
                 if tries < _FLIPS:
-                    more = flip_at(shell, lines, density, wedges, flipped, error.triangles)
+                    more = flip_at(shell, lines, density, wedges, flipped, error.triangles, reach)
                     if more is not None:
                         flipped, tries = more, tries + 1
                         continue

@@ -55,11 +55,15 @@ def fill(
 def _growing(
     vertices: np.ndarray, triangles: np.ndarray, grading: float
 ) -> Callable[[int, int, float, float, float, float], float]:
-    """Size at a place, as gmsh asks for it: that of the nearest vertex' edges, and more inside."""
+    """Size at a place, as gmsh asks for it: that of the nearest vertex' edges, and more inside.
+
+    The size at a vertex is the harmonic mean of its edges: of stretched triangles the shorter ones
+    count, or a thin core gets no vertices inside and tets as flat as its facets.
+    """
     ends = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     length = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1)
-    total = np.bincount(ends.ravel(), np.repeat(length, 2), len(vertices))
-    edge = total / np.maximum(np.bincount(ends.ravel(), minlength=len(vertices)), 1)
+    total = np.bincount(ends.ravel(), np.repeat(1.0 / length, 2), len(vertices))
+    edge = np.bincount(ends.ravel(), minlength=len(vertices)) / np.maximum(total, 1e-300)
     used = np.unique(triangles)
     tree = cKDTree(vertices[used])
 
