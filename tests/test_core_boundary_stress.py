@@ -17,7 +17,15 @@ from box_mesh import box_mesh
 from HybridVolume.core.boundary_surface import Boundary, BoundarySurface, free_facets
 from HybridVolume.core.exact_boundary import boundary_of
 from HybridVolume.core.patch_recovery import extrapolated, smooth_inside, strain_of
-from HybridVolume.core.recovery import Material, averaged, in_frame, recover, rounding, von_mises
+from HybridVolume.core.recovery import (
+    Material,
+    averaged,
+    in_frame,
+    recover,
+    rounding,
+    tensor,
+    von_mises,
+)
 
 needs_ccx = pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX (ccx) is absent")
 
@@ -164,6 +172,57 @@ def test_normals_are_those_of_the_exact_faces_on_both_sides_of_an_edge() -> None
     # without them triangles tell the normal roughly, at sides of patches the worst
     guessed = BoundarySurface(volume.fem.nodes, Boundary(exact.triangles, exact.face)).normal
     assert 1e-3 < np.abs(guessed - outward).max() < 0.2
+
+
+def test_faces_in_one_plane_stay_two_for_their_loads_and_are_one_for_the_eye() -> None:
+    nodes, elements = lame.cube(2, 2, 2)
+    triangles, others = free_facets(elements)
+    middle = nodes[triangles].mean(axis=1)
+    face = (middle[:, 2] > 0.5) * 2 + (middle[:, 0] > 0.5)
+    surface = BoundarySurface(nodes, Boundary(triangles, face, others=others))
+    assert surface.faces == 4
+    surface.join(Boundary(triangles, face, others=others))
+    assert surface.faces == 4 and surface.whole.faces == 2
+    assert np.abs(surface.normal) == pytest.approx(
+        np.tile([0.0, 0.0, 1.0], (len(surface.normal), 1))
+    )
+
+
+@needs_ccx
+def test_an_uneven_load_on_a_closed_smooth_surface_is_found() -> None:
+    pytest.importorskip("netgen")
+    import shells
+
+    from HybridVolume.core.density import Density
+    from HybridVolume.core.finite_elements import build_finite_elements
+    from HybridVolume.reproduce import calculix
+
+    shell, material = shells.make_shell("sphere"), Material(1000.0, 0.0)
+    interface, _, fem = build_finite_elements(shell, Density(subdivide=2))
+    elements = [("penta15", fem.wedges), ("tet10", fem.tets)]
+    # the gradient of a harmonic polynomial: no body force, tractions that change over the surface
+    x, y, z = fem.nodes.T
+    displacement = 1e-3 * np.column_stack([3 * x**2 - 3 * y**2, -6 * x * y, 0 * z])
+    exact = np.zeros((len(x), 6))
+    exact[:, 0], exact[:, 1], exact[:, 3] = 6.0 * x, -6.0 * x, -6.0 * y
+    boundary = boundary_of(fem, shell.surface, interface)
+    surface = BoundarySurface(fem.nodes, boundary)
+    traction = np.einsum("mij,mj->mi", tensor(exact)[surface.point_node], surface.normal)
+    prescribed = np.full(fem.nodes.shape, np.nan)
+    for axis, components in ((0, (0, 1, 2)), (1, (0, 2)), (2, (1,))):
+        node = np.argmax(fem.nodes[:, axis])
+        prescribed[node, components] = displacement[node, components]
+    solution = calculix.solve(
+        fem.nodes, elements, material, prescribed, forces=surface.mass @ traction
+    )
+    found = recover(fem.nodes, elements, solution.displacement, material, boundary=boundary)
+    assert {load for _, load in found.loads} == {"uneven"}
+    on = np.unique(fem.boundary)
+    ours, solvers = (
+        np.sqrt(np.mean((stress[on] - exact[on]) ** 2))
+        for stress in (found.stress, solution.stress)
+    )
+    assert ours < 0.5 * solvers and ours < 0.01 * 6.0
 
 
 def test_the_frame_of_the_boundary_parts_normal_shear_and_tangential_stress() -> None:

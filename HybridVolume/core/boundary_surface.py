@@ -17,8 +17,8 @@ from .elements import EDGES, FACES, quadrature, reference, shape_functions, shap
 CREASE = 30.0
 """Degrees between the normals of two triangles from which their common edge is sharp."""
 
-SEAM = 5.0
-"""The same for a common edge of two CAD faces that are joined."""
+SEAM = 10.0
+"""The same for a common edge of two CAD faces, by the normals that each of them has there."""
 STEEPEST = 60.0
 """Degrees between normals around a point up to which it is seen from its tangent plane."""
 _NEAR = 0.03
@@ -90,9 +90,10 @@ class BoundarySurface:
     nodes : (n, 3) array
         mm
     boundary : Boundary
-    join : bool
-        CAD faces that continue each other smoothly are one face; else each is one of its own, or
-        several where sharp edges cut it.
+    sides : (nt, k, 3) array, optional
+        Normals at the triangles' nodes as each CAD face has them; with these, faces that continue
+        each other smoothly are one. Else each is one of its own, or several where sharp edges cut
+        it.
 
     Attributes
     ----------
@@ -108,7 +109,9 @@ class BoundarySurface:
         MPa, where it is known for certain; else nan.
     """
 
-    def __init__(self, nodes: np.ndarray, boundary: Boundary, *, join: bool = False) -> None:
+    def __init__(
+        self, nodes: np.ndarray, boundary: Boundary, sides: np.ndarray | None = None
+    ) -> None:
         self.triangles = np.asarray(boundary.triangles)
         self.others = np.asarray(boundary.others, dtype=int)
         self._nodes = nodes
@@ -120,7 +123,7 @@ class BoundarySurface:
         cross = np.cross(self._tangents[..., 0], self._tangents[..., 1])
         length = np.linalg.norm(cross, axis=2, keepdims=True)
         normals = cross / np.where(length > 0.0, length, 1.0)
-        self.points, self.point_node = self._split(normals, boundary.face, join)
+        self.points, self.point_node = self._split(normals, boundary, sides)
         self.point_face, self.faces = self._components()
         self.position = nodes[self.point_node]
         self.normal = _unit(self._mean(normals))
@@ -140,8 +143,9 @@ class BoundarySurface:
             exact = _unit(self._mean(np.where(known, boundary.normals, 0.0)))
             self._turn(np.where(share > 0.0, exact, self.normal))
 
-    def look_along(self, whole: BoundarySurface) -> None:
-        """Take normals and frames of another surface of the same triangles, joined across seams."""
+    def join(self, boundary: Boundary) -> None:
+        """Take normals and frames of the same boundary with its faces joined across seams."""
+        whole = BoundarySurface(self._nodes, boundary, self.normal[self.points])
         self.whole = whole
         place = np.empty(len(self.point_node), dtype=np.int64)
         place[self.points.ravel()] = whole.points.ravel()
@@ -154,7 +158,7 @@ class BoundarySurface:
         self.__dict__.pop("frame", None)
 
     def _split(
-        self, normals: np.ndarray, face: np.ndarray | None, join: bool
+        self, normals: np.ndarray, boundary: Boundary, sides: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Points of the triangles: corners of triangles that meet smoothly are one."""
         triangles = self.triangles
@@ -177,10 +181,17 @@ class BoundarySurface:
         flat = normals.reshape(-1, 3)
         smooth = np.einsum("emc,emc->em", flat[left], flat[right]).min(axis=1)
         within = np.ones(len(one), dtype=bool)
-        if face is not None:
-            within = np.asarray(face)[owner[one]] == np.asarray(face)[owner[other]]
-        limit = np.where(within, CREASE, SEAM if join else 0.0)
-        smooth = (smooth > np.cos(np.radians(limit))) & (within | join)
+        if boundary.face is not None:
+            face = np.asarray(boundary.face)
+            within = face[owner[one]] == face[owner[other]]
+        if sides is None:
+            smooth[~within] = -1.0
+        else:
+            flat = sides.reshape(-1, 3)
+            turn = np.einsum("emc,emc->em", flat[left], flat[right]).min(axis=1)
+            smooth = np.where(within, smooth, turn)
+        limit = np.where(within, CREASE, SEAM)
+        smooth = smooth > np.cos(np.radians(limit))
         left, right = left[smooth].ravel(), right[smooth].ravel()
         graph = sp.coo_matrix((np.ones(len(left)), (left, right)), (count * width,) * 2)
         total, label = csgraph.connected_components(graph, directed=False)

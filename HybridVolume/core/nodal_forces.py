@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse.linalg as sparse_linalg
 
 from .boundary_surface import BoundarySurface
 from .elements import gauss_line, jacobians, quadrature, shape_functions, shape_gradients
@@ -158,7 +159,8 @@ class FaceLoads:
         MPa, at the surface's points, along the three axes of their frames; nan where not known.
     kinds : tuple of str
         By face: "free", "pressure", "force", "mixed" (pressure and force), "linear" (a pressure
-        that is linear in the position, and a force), "sliding" (a plane without shear), "unknown".
+        that is linear in the position, and a force), "sliding" (a plane without shear), "uneven"
+        (of any shape, on a surface without sharp edges), or "unknown".
     """
 
     traction: np.ndarray
@@ -207,8 +209,55 @@ def face_loads(
         if value is not None:
             traction[points] = np.einsum("pkc,pc->pk", frame, value)
         kinds.append(kind)
+    if "unknown" in kinds:
+        _add_uneven(surface, force, noise, level, shared, traction, kinds)
     logger.debug("loads of the faces: %s", kinds)
     return FaceLoads(traction, tuple(kinds))
+
+
+def _add_uneven(
+    surface: BoundarySurface,
+    force: np.ndarray,
+    noise: np.ndarray,
+    level: np.ndarray,
+    shared: np.ndarray,
+    traction: np.ndarray,
+    kinds: list[str],
+) -> None:
+    """Solve for tractions of any shape on surfaces without sharp edges; changes the last two.
+
+    There each node's force is a share of one surface's traction only, and the equations say it all.
+    """
+    whole = surface.whole if surface.whole is not None else surface
+    seen = np.bincount(whole.point_node, minlength=len(force))
+    # as many points as nodes, and no other face touches them
+    split = (seen[whole.point_node] > 1) | np.isin(whole.point_node, surface.others)
+    sharp = np.bincount(whole.point_face, split, minlength=whole.faces) > 0
+    inside = {face for face, kind in enumerate(kinds) if kind == "unknown"}
+    joined = np.full(len(force), -1)
+    joined[whole.point_node] = whole.point_face
+    parts = {joined[surface.point_node[surface.point_face == face][0]] for face in inside}
+    for part in sorted(parts):
+        points = np.flatnonzero(whole.point_face == part)
+        nodes = whole.point_node[points]
+        faces = [face for face in inside if joined[_a_node(surface, face)] == part]
+        area = surface.node_area[nodes]
+        unsure = np.sqrt(np.mean(noise[nodes] ** 2 / area) / np.mean(area))
+        if sharp[part] or unsure >= _NEAR * min(level[face] for face in faces):
+            continue
+        mass = whole.mass[nodes][:, points].tocsc()
+        found = np.full((len(force), 3), np.nan)
+        found[nodes] = sparse_linalg.splu(mass).solve(force[nodes])
+        for face in faces:
+            own = surface.point_face == face
+            value = found[surface.point_node[own]]
+            traction[own] = np.einsum("pkc,pc->pk", surface.frame[own], value)
+            kinds[face] = "uneven"
+
+
+def _a_node(surface: BoundarySurface, face: int) -> int:
+    """Some node of a face."""
+    return int(surface.point_node[np.argmax(surface.point_face == face)])
 
 
 class _Measure:

@@ -298,7 +298,7 @@ def _on_boundary(
     """Strain at the nodes, on the boundary with loads and the surface's displacement."""
     surface = BoundarySurface(nodes, boundary)
     if boundary.face is not None:
-        surface.look_along(BoundarySurface(nodes, boundary, join=True))
+        surface.join(boundary)
     forces = nodal_forces(nodes, elements, displacement, material.stress)
     inside = np.flatnonzero((forces.weight != 0.0) & ~outside)
     force = without_body_force(forces, inside)
