@@ -77,8 +77,9 @@ def test_equal_parts_are_those_of_each_cell():
 
 def test_a_size_that_cannot_be_meant_is_refused():
     surface = make_shell("box").surface
-    with pytest.raises(InputError, match="cells on the faces"):
-        wanted_lines(surface, Density(size=1e-4))
+    for density in (Density(size=1e-4), Density(subdivide=64), Density(subdivide=20, layers=50)):
+        with pytest.raises(InputError, match="about .* nodes"):
+            wanted_lines(surface, density)
     with pytest.raises(InputError) as caught:
         wanted_lines(surface, Density(face_sizes={"Face77": 0.1}))
     assert caught.value.faces == ("Face77",)

@@ -23,8 +23,9 @@ _FINER = 4
 """Steps between two samples, where size and speed are taken as linear."""
 _SLACK = 0.05
 """Share of a part by which edges may be longer than wanted: no line for next to nothing."""
-MOST_CELLS = 1_000_000
-"""Cells of a grid, beyond which the wish is taken for a slip of the pen."""
+MOST_NODES = 3_000_000
+"""Nodes of a mesh, beyond which the wish is taken for a slip of the pen."""
+_USUAL_LAYERS = 4
 
 
 def wanted_lines(surface: PatchSurface, density: Density) -> GridLines:
@@ -42,30 +43,32 @@ def wanted_lines(surface: PatchSurface, density: Density) -> GridLines:
     Raises
     ------
     InputError
-        A face of the density is not there, or there would be too many cells.
+        A face of the density is not there, or there would be too many nodes.
     """
     check_faces(density.face_sizes, surface)
     lines = base_lines(surface, density.nodes)
     if not (density.size or density.face_sizes):
         parts = [np.full(len(p) - 1, density.subdivide) for p in lines.places]
-        _check_count(lines, parts)
+        _check_count(lines, parts, density)
         return lines.cut(parts)
     need = _needs(surface, density, lines)
     parts = [np.maximum(density.subdivide, np.ceil(_running(n)[:, -1] - _SLACK)) for n in need]
-    _check_count(lines, parts)
+    _check_count(lines, parts, density)
     spread = zip(lines.places, need, parts, strict=True)
     return replace(lines, places=tuple(_spread(old, n, p.astype(int)) for old, n, p in spread))
 
 
-def _check_count(lines: GridLines, parts: list[np.ndarray]) -> None:
+def _check_count(lines: GridLines, parts: list[np.ndarray], density: Density) -> None:
     total = np.array([float(p.sum()) for p in parts])
     cells = float(total[lines.strips.number].prod(axis=1).sum())
-    if cells > MOST_CELLS:
+    # a cell has one vertex and three edges on each level, and mid nodes of a vertex between
+    nodes = cells * (5 * (density.layers or _USUAL_LAYERS) + 4)
+    if nodes > MOST_NODES:
         raise InputError(
-            f"the wanted density asks for {cells:.3g} cells on the faces, {MOST_CELLS:.0e} are the"
-            " most",
-            figure=cells,
-            remedy="choose a larger size or fewer parts",
+            f"the wanted density asks for {cells:.3g} cells on the faces, about {nodes:.2g} nodes;"
+            f" {MOST_NODES:.0e} are the most",
+            figure=nodes,
+            remedy="choose a larger size (mm), fewer parts or fewer layers",
         )
 
 
