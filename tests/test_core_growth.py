@@ -126,3 +126,27 @@ def test_equal_input_gives_equal_bits(wedge):
     surface, field = wedge
     shells = [grow_shell(surface, field, 0.3)[0] for _ in range(2)]
     assert np.array_equal(shells[0].layers, shells[1].layers)
+
+
+def test_a_finer_look_finds_what_coarse_triangles_miss():
+    """Two fronts that run through each other at a quarter of a span, not at its ends and middle."""
+    surface, field = prepared(bodies.box((2.0, 2.0, 0.4), (1, 1, 1), degree=3), tets=3_000)
+    space = ColumnSpace(surface, field, 3)
+    x = surface.control_points
+    plain = 0.35 * (x.mean(axis=0) - x) * [0.3, 0.3, 1.0]
+    # control points at thirds go up and down: curves that meet at both ends and in the middle only
+    along = np.round(3.0 * x[:, 0] / 2.0)
+    wave = np.where(along == 1, 2.0, np.where(along == 2, -2.0, 0.0))
+    wave *= np.abs(x[:, 1] - 1.0) < 0.9
+    d = plain.copy()
+    d[:, 2] += wave * np.where(x[:, 2] > 0.3, -1.0, np.where(x[:, 2] < 0.1, 1.0, 0.0))
+
+    def crossings(columns):
+        return [len(grid.crossing(space.base + columns)[1]) for grid in space.grids]
+
+    assert crossings(d) == [0, 0]
+    assert space.look_closer(space.check(d))
+    assert len(space.grids) == 3
+    assert crossings(d)[2] > 0
+    assert crossings(plain) == [0, 0, 0]
+    assert not space.look_closer(space.check(plain))

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 from scipy import sparse
@@ -23,6 +23,7 @@ from . import bspline
 from .bezier import BezierElements
 from .bound import scaled_jacobian_bound
 from .contacts import Planes, TestGrid, planes_between
+from .embedding_proof import prove_embedded
 from .front import ColumnFrame, column_frame, solve_front
 from .harmonic import HarmonicField
 from .levels import uniform_layers
@@ -45,6 +46,8 @@ GRIDS = (1, 2)
 """Cells a knot span in the triangulations that are tested for crossings.
 
 One cell a span is what the core's boundary has, two follow the curves."""
+CLOSER = 8
+"""Cells a knot span where the inner surface is not proved to be free of crossings."""
 
 
 @dataclass(frozen=True)
@@ -180,7 +183,27 @@ class ColumnSpace:
         for grid in self.grids:
             triangles, pairs = grid.crossing(self.base + wanted)
             found.append(planes_between(grid, triangles, pairs, self.base + sound))
-        return found[0] if len(found) == 1 else found[0].joined(found[1])
+        return reduce(Planes.joined, found)
+
+    def look_closer(self, state: ColumnState) -> bool:
+        """Test what of a state's inner surface is not proved to be embedded on a finer grid.
+
+        Where that finds crossings the grid stays: every later check sees them.
+
+        Returns
+        -------
+        bool
+            Whether there are any.
+        """
+        inner = self.surface.with_points(self.base + state.d, polynomial=True)
+        left = prove_embedded(inner)
+        if left.proved:
+            return False
+        grid = TestGrid(self.surface, CLOSER, left.open)
+        if not grid.outer_embedded or not len(grid.crossing(self.base + state.d)[1]):
+            return False
+        self.grids.append(grid)
+        return True
 
     def front(self, goal: np.ndarray) -> np.ndarray:
         """Displacements of the control points to the solved front at given levels."""

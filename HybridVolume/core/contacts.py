@@ -32,6 +32,8 @@ class TestGrid:
     surface : PatchSurface
     cells : int
         Cells a knot span in each direction.
+    spans : int array, optional
+        Knot spans that are tested; all otherwise.
 
     Attributes
     ----------
@@ -45,17 +47,21 @@ class TestGrid:
 
     __test__ = False
 
-    def __init__(self, surface: PatchSurface, cells: int) -> None:
+    def __init__(self, surface: PatchSurface, cells: int, spans: np.ndarray | None = None) -> None:
         outer = surface.triangulation(cells)
         mu, mv = np.array([grid.shape for grid in outer.grids]).T - 1
         patch, row, column = grid_places(mu, mv)
         across = mv // cells
         first = np.cumsum(mu // cells * across) - mu // cells * across
         element = first[patch] + row // cells * across[patch] + column // cells
-        self.element = np.repeat(element, 2)
         self.quads = grid_quads(outer.grids)
+        if spans is not None:
+            chosen = np.isin(element, spans)
+            element, self.quads = element[chosen], self.quads[chosen]
+        self.element = np.repeat(element, 2)
         self.matrix = surface.basis_at(outer.vertex_patch, *outer.vertex_uv.T)
-        self.outer_embedded = not len(self_intersections(outer.vertices, outer.triangles))
+        triangles = outer.triangles if spans is None else self.triangles(outer.vertices)
+        self.outer_embedded = not len(self_intersections(outer.vertices, triangles))
 
     def triangles(self, vertices: np.ndarray) -> np.ndarray:
         """Every cell cut along its shorter diagonal, (nt, 3)."""

@@ -56,6 +56,8 @@ MERGES = (2, 4, 7, 12)
 """Rings of elements around what is wrong that stay as they were, one after the other."""
 AHEAD = (0.25, 0.5, 1.0)
 """Shares of a layer by which the feet of columns stand ahead where thin rational layers fail."""
+CLOSER_LOOKS = 3
+"""Times that crossings, which only a finer grid shows, are parted."""
 BACK = 2.5
 """How much farther than its neighbour on a net edge a column may be on its way from one state to
 another."""
@@ -232,6 +234,29 @@ class _Grower(ColumnSpace):
                 break
         return best
 
+    def confirmed(self, best: ColumnState, goal: np.ndarray) -> ColumnState:
+        """An accepted state that holds on a finer grid too, wherever it is not proved embedded.
+
+        Raises
+        ------
+        ThicknessError
+            No state holds there.
+        """
+        for _ in range(CLOSER_LOOKS):
+            if not self.look_closer(best):
+                return best
+            crossed = self.check(best.d)
+            logger.info("a finer look finds %d elements that cross", len(crossed.crossing))
+            thin, last = self.thin_start()
+            if thin is None:
+                raise self.failure(last)
+            state, planes = self.repaired(thin, crossed, goal, GENTLE, None)
+            state = state if state.accepted else self.blended(thin, crossed)
+            best = self.polished(state, goal, GENTLE, planes)
+        if self.look_closer(best):
+            raise self.failure(self.check(best.d))
+        return best
+
     # ------------------------------------------------------------------------------------ starts
 
     def from_front(self, goal: np.ndarray) -> ColumnState | None:
@@ -387,6 +412,7 @@ def grow_shell(
     if best is None:
         notes.append("grown from a thin start")
         best = grower.grow(goal)
+    best = grower.confirmed(best, goal)
     shell, certificate, spaced = _layered(grower, best, layers, spacing or Spacing())
     notes += spaced
     shell = replace(
