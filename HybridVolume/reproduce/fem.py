@@ -309,12 +309,16 @@ def _accuracy_cases() -> tuple[str, ...]:
 
 
 def _pictures(cases: Sequence[Mapping[str, Any]], folder: Path) -> list[str]:
-    if not cases:
+    """Names of the pictures of accuracy; none where there is nothing to draw them with."""
+    made = [case for case in cases if not case["error"]]
+    if not made:
         return []
-    from . import fem_accuracy
+    from .fem_accuracy import pictures
 
-    draw = getattr(fem_accuracy, "pictures", None)
-    return list(draw(cases, folder)) if draw else []
+    try:
+        return list(pictures(made, folder))
+    except ImportError:
+        return []
 
 
 def _chosen(cases: Sequence[Case], only: Sequence[str] | None) -> list[Case]:
