@@ -4,6 +4,8 @@
 judges.
 """
 
+import os
+
 import FreeCAD
 import FreeCADGui
 import ObjectsFem
@@ -192,6 +194,9 @@ def in_the_fem_workbench(answer, doc, box):
     force = ObjectsFem.makeConstraintForce(doc)
     force.References = [(box, "Face2")]
     analysis.addObject(force)
+    path, os.environ["PATH"] = os.environ["PATH"], ""
+    answer["no solver"] = said(lambda: FreeCADGui.runCommand("HybridVolume_Solve"))[0]
+    os.environ["PATH"] = path
     box.Length = 32
     doc.recompute()
     answer["out of date"] = said(lambda: fem_toolbar("HybridVolume_Solve"))

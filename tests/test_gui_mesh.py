@@ -57,6 +57,7 @@ def test_a_mesh_is_looked_at_and_made_again(tmp_path):
     assert "has no displacements yet; run its solver first" in found["not solved"]
     for text in (found["other body"], found["other body, solved"]):
         assert "is on Face2 of Cube, but Box was meshed" in text
+    assert "CalculiX (ccx) is not installed; install the package" in found["no solver"]
     text, buttons = found["out of date"]
     assert "out of date: the body changed" in text and buttons == ["Compute again", "Cancel"]
     assert found["computed again"] == "Up to date" and not found["bar elsewhere"]
