@@ -305,6 +305,12 @@ def test_quality_survives_freecad(volume):
     expected = scaled_jacobian("penta15", fem.nodes[fem.wedges])
     found = [quality[element] for element in stored.getGroupElements(shell)]
     assert np.allclose(found, expected, atol=1e-12) and len(quality) == 24
+    # the box's core is not to be seen
+    seen = fem_mesh.element_quality(stored, outer=True)
+    assert set(seen) == set(stored.getGroupElements(shell))
+    assert seen == {element: quality[element] for element in seen}
+    core = volume.Core.FemMesh
+    assert fem_mesh.element_quality(core, outer=True) == fem_mesh.element_quality(core)
 
 
 def test_a_lost_element_is_noticed(box, monkeypatch):

@@ -151,7 +151,7 @@ class PartView(MeshView):
             return
         by_quality = view.ColourBy == "Quality"
         if by_quality:
-            quality = element_quality(mesh)
+            quality = element_quality(mesh, outer=True)
             view.ElementColor = {element: traffic_light(q) for element, q in quality.items()}
         if "ColorMode" in view.PropertiesList:  # FreeCAD 1.0 and later
             view.ColorMode = "ByElement" if by_quality else "Overall"

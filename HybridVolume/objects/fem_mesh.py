@@ -16,7 +16,7 @@ import Fem
 import numpy as np
 
 from HybridVolume.core.element_jacobians import scaled_jacobian
-from HybridVolume.core.elements import from_order, to_order
+from HybridVolume.core.elements import FACES, from_order, to_order
 from HybridVolume.errors import FaultError
 
 from . import density
@@ -171,8 +171,16 @@ def element_numbers(arrays: MeshArrays) -> dict[str, range]:
     return numbers
 
 
-def element_quality(mesh: Any) -> dict[int, float]:
-    """Smallest scaled Jacobian of each volume element of a FreeCAD mesh, by element number."""
+def element_quality(mesh: Any, *, outer: bool = False) -> dict[int, float]:
+    """Smallest scaled Jacobian of each volume element of a FreeCAD mesh, by element number.
+
+    Parameters
+    ----------
+    mesh : Fem.FemMesh
+    outer : bool
+        Only of the elements with a face that no other element has, which are those to be seen:
+        FreeCAD takes time by the square of their number to colour elements.
+    """
     place = {node: row for row, node in enumerate(mesh.Nodes)}
     points = np.array([tuple(point) for point in mesh.Nodes.values()])
     kinds = {4: "tet4", 6: "penta6", 10: "tet10", 15: "penta15"}
@@ -180,12 +188,34 @@ def element_quality(mesh: Any) -> dict[int, float]:
     for element in mesh.Volumes:
         nodes = mesh.getElementNodes(element)
         rows.setdefault(kinds[len(nodes)], {})[element] = [place[node] for node in nodes]
+    tables = {
+        kind: (np.array(list(table)), from_order("freecad", kind, np.array(list(table.values()))))
+        for kind, table in rows.items()
+    }
+    if outer:
+        seen = np.concatenate(_outer_elements(tables))
+        kept = {kind: np.isin(numbers, seen) for kind, (numbers, _) in tables.items()}
+        tables = {k: (numbers[kept[k]], c[kept[k]]) for k, (numbers, c) in tables.items()}
     quality: dict[int, float] = {}
-    for kind, table in rows.items():
-        connectivity = from_order("freecad", kind, np.array(list(table.values())))
+    for kind, (numbers, connectivity) in tables.items():
         values = scaled_jacobian(kind, points[connectivity])
-        quality.update(zip(table, values.tolist(), strict=True))
+        quality.update(zip(numbers.tolist(), values.tolist(), strict=True))
     return quality
+
+
+def _outer_elements(tables: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> list[np.ndarray]:
+    """Numbers of the elements with a face of their own, kind by kind and face by face."""
+    owners, keys = [], []
+    for kind, (numbers, connectivity) in tables.items():
+        for corners in FACES[{"tet10": "tet4", "penta15": "penta6"}.get(kind, kind)]:
+            owners.append(numbers)
+            # three corners tell faces of a conforming mesh apart
+            keys.append(np.sort(connectivity[:, corners], axis=1)[:, :3])
+    _, place, times = np.unique(
+        np.concatenate(keys), axis=0, return_inverse=True, return_counts=True
+    )
+    alone = np.split(times[place.ravel()] == 1, np.cumsum([len(o) for o in owners])[:-1])
+    return [numbers[own] for numbers, own in zip(owners, alone, strict=True)]
 
 
 _STATUS = Property("App::PropertyString", "Base", "Up to date, or why not.", mode=("ReadOnly",))
