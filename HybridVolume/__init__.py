@@ -29,28 +29,29 @@ __version__ = "0.1.0"
 
 version = __version__
 
-_FUNCTIONS = (
-    "complete",
-    "edit_midstructure",
-    "edit_volume",
-    "export_mesh",
-    "find_midstructure",
-    "make_analysis",
-    "medial_axis",
-    "read_step",
-    "recover_stress",
-    "remesh",
-    "solve",
-    "to_document",
-    "to_fem",
-)
+_FUNCTIONS = {
+    "complete": "scripting",
+    "edit_midstructure": "scripting",
+    "edit_volume": "scripting",
+    "export_mesh": "scripting_fem",
+    "find_midstructure": "scripting",
+    "make_analysis": "scripting_fem",
+    "medial_axis": "scripting",
+    "read_step": "scripting",
+    "recover_stress": "scripting_fem",
+    "remesh": "scripting_fem",
+    "solve": "scripting_fem",
+    "to_document": "scripting",
+    "to_fem": "scripting_fem",
+}
+"""What macros call, and the module of each."""
 
 __all__ = [*_FUNCTIONS, "version"]
 
 
 def __getattr__(name: str) -> Any:
     if name in _FUNCTIONS:
-        return getattr(importlib.import_module(f"{__name__}.scripting"), name)
+        return getattr(importlib.import_module(f"{__name__}.{_FUNCTIONS[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

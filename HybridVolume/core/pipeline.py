@@ -306,7 +306,7 @@ def midstructure_stage(
 ) -> Stage:
     """Check a body and find its midstructure, with the user's decisions applied.
 
-    Faces that factors or sizes are given for must be there, so that a slip of the pen costs no time.
+    Faces that factors or sizes are given for must be there: a slip of the pen costs no time.
 
     Parameters
     ----------
