@@ -77,6 +77,15 @@ def open_file(path):
     def fill():
         xdotool("type", path)
         xdotool("key", "Return")
+        QtCore.QTimer.singleShot(1000, accept)
+
+    def accept():
+        # from 1.0 on FreeCAD asks how to read a STEP file
+        asked = QtGui.QApplication.activeModalWidget()
+        if asked is not None and not isinstance(asked, QtGui.QFileDialog):
+            xdotool("key", "Return")
+        if FreeCAD.ActiveDocument is None:
+            QtCore.QTimer.singleShot(500, accept)
 
     QtCore.QTimer.singleShot(1200, fill)
     FreeCADGui.runCommand("Std_Open")
