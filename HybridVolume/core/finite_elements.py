@@ -32,6 +32,9 @@ from .wedges import Wedges
 
 logger = logging.getLogger(__name__)
 
+_TOLD = 1e-9
+"""Distance between a node and its told place that is none, as a share of the diagonal."""
+
 _FLIPS = 2
 """Rounds of flipped diagonals before a grid is made finer."""
 REPAIRS = ("straightened", "untangled", "flipped", "refined", "withdrawn")
@@ -292,10 +295,13 @@ def _unproved(shell: Shell, wedges: Wedges, interior: Interior, elements: Elemen
 
 
 def completed(mesh: FiniteElementMesh, shell: Shell, interface: Interface) -> FiniteElementMesh:
-    """A mesh as files before version 4 hold it, with what can be told about it since."""
+    """A mesh as files before version 4 hold it, with what can be told about it since.
+
+    Where its outer nodes are not where they are made now, their places stay untold.
+    """
     if len(mesh.surface_nodes):
         return mesh
-    density = Density(interface.nodes, interface.subdivide)
+    mesh = replace(mesh, density=Density(interface.nodes, interface.subdivide))
     wanted = interface.triangles
     blocks = [(mesh.boundary[:, :3], wanted, interface.vertex_patch, interface.vertex_uv)]
     if mesh.order == 2:
@@ -307,13 +313,14 @@ def completed(mesh: FiniteElementMesh, shell: Shell, interface: Interface) -> Fi
         place = np.empty(len(patch), dtype=np.int64)
         place[number] = boundary
         nodes.append(place)
-    return replace(
-        mesh,
-        density=density,
-        surface_nodes=np.concatenate(nodes),
-        surface_patch=np.concatenate([patch for _, _, patch, _ in blocks]),
-        surface_uv=np.concatenate([uv for *_, uv in blocks]),
-    )
+    number = np.concatenate(nodes)
+    patch = np.concatenate([patch for _, _, patch, _ in blocks])
+    uv = np.concatenate([uv for *_, uv in blocks])
+    # the first versions left mid nodes of singular faces in the middle of the parameters
+    off = shell.surface.evaluate_at(patch, *uv.T) - mesh.nodes[number]
+    if np.abs(off).max() > _TOLD * shell.surface.diagonal:
+        return mesh
+    return replace(mesh, surface_nodes=number, surface_patch=patch, surface_uv=uv)
 
 
 def build_finite_elements(
