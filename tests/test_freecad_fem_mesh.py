@@ -20,6 +20,7 @@ except SetupError as missing:
     pytest.skip(missing.message, allow_module_level=True)
 
 import Fem
+import ObjectsFem
 from box_mesh import box_mesh
 from made_by_hand import SIZE, face_names
 from remeshed import meshed, shelled
@@ -27,6 +28,7 @@ from remeshed import meshed, shelled
 import HybridVolume
 from HybridVolume.core.density import Density
 from HybridVolume.objects import coverage, density, document
+from HybridVolume.objects.analysis import problems
 from HybridVolume.objects.coverage import Places, cover
 from HybridVolume.objects.fem_mesh import arrays_of, build, differences, element_numbers
 from HybridVolume.objects.prepared_mesh import PreparedMesh
@@ -270,6 +272,13 @@ def test_the_fem_workbench_finds_nodes_for_loads(doc, tmp_path, moved):
     if moved:
         with pytest.raises(InputError, match="a container moves Body"):
             document.insert_mesh(doc, fem, obj.Source)
+    analysis = HybridVolume.make_analysis(obj)
+    fixed = ObjectsFem.makeConstraintFixed(doc)
+    analysis.addObject(fixed)
+    for held, wrong in ((body, False), (obj.Source, moved)):
+        fixed.References = [(held, "Face1")]
+        told = [error.line for error in problems(analysis) if "was meshed" in error.line]
+        assert bool(told) == wrong
     for number in (1, 4):
         found = get_femnodes_by_refshape(mesh, (body, [f"Face{number}"]))
         assert sorted(set(found)) == (fem.face_nodes(f"Face{number}") + 1).tolist()

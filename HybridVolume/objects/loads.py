@@ -65,9 +65,7 @@ def misplaced(analysis: Any, mesh: Any) -> list[InputError]:
     partly: dict[str, list[str]] = {}
     for place in references(analysis):
         if place.body.Name not in same:
-            # a feature of the same shape, like the last one of a PartDesign body, will do
-            print_of = source_fingerprint(place.body) if hasattr(place.body, "Shape") else ""
-            same[place.body.Name] = any(source_fingerprint(one) == print_of for one in bodies)
+            same[place.body.Name] = _same_shape(place.body, bodies, mesh)
         if not same[place.body.Name]:
             key = (place.constraint.Label, place.body.Label)
             wrong.setdefault(key, []).append(place.name or "everything")
@@ -91,12 +89,25 @@ def misplaced(analysis: Any, mesh: Any) -> list[InputError]:
 
 
 def meshed_bodies(mesh: Any) -> list[Any]:
-    """The body that a mesh belongs to: what loads go on, then what it was made of."""
+    """The body that a mesh belongs to: what loads go on, then what it was made of.
+
+    Where loads go on a copy, the body is none of them: FreeCAD finds no nodes on it.
+    """
+    volumes = [one for one in mesh.InList if getattr(one, "FemMesh", None) == mesh]
+    if any(one.AnalysisBody is not None and one.AnalysisBody == mesh.Shape for one in volumes):
+        return [mesh.Shape]
     found = [mesh.Shape] if mesh.Shape is not None else []
-    found += [
-        one.Source for one in mesh.InList if getattr(one, "FemMesh", None) == mesh and one.Source
-    ]
+    found += [one.Source for one in volumes if one.Source]
     return list(dict.fromkeys(found))
+
+
+def _same_shape(body: Any, bodies: list[Any], mesh: Any) -> bool:
+    """Whether a feature of the same shape will do, like the last one of a PartDesign body."""
+    volumes = [one for one in mesh.InList if getattr(one, "FemMesh", None) == mesh]
+    if not hasattr(body, "Shape") or body in [one.Source for one in volumes]:
+        return False
+    print_of = source_fingerprint(body)
+    return any(source_fingerprint(one) == print_of for one in bodies)
 
 
 def face_pressures(analysis: Any, names: tuple[str, ...]) -> np.ndarray:
