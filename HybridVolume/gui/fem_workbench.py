@@ -13,7 +13,8 @@ import FreeCAD
 import FreeCADGui
 from PySide import QtCore, QtGui
 
-from . import messages, preferences
+from . import messages
+from .forms import load_icon
 
 BAR = "HybridVolumeFem"
 WORKBENCH = "FemWorkbench"
@@ -53,8 +54,7 @@ def _make_bar(window: Any) -> Any:
     bar.setObjectName(BAR)
     for name in (commands.MESH, commands.SOLVE, commands.STRESS):
         words = commands.resources(name)
-        icon = QtGui.QIcon(str(preferences.RESOURCES / "icons" / f"{words['Pixmap']}.svg"))
-        action = bar.addAction(icon, words["MenuText"])
+        action = bar.addAction(load_icon(words["Pixmap"]), words["MenuText"])
         action.setObjectName(name)
         action.setToolTip(words["ToolTip"])
         action.triggered.connect(lambda *_, name=name: FreeCADGui.runCommand(name))

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""Panels' forms from resources/ui."""
+"""Panels' forms from resources/ui, and icons."""
 
 from __future__ import annotations
 
@@ -45,3 +45,20 @@ def load_form(name: str) -> Any:
         else:
             return form
     raise FaultError(f"no form could be made of {name}.ui", remedy="start FreeCAD again")
+
+
+def load_icon(name: str) -> Any:
+    """Return an icon of resources/icons.
+
+    FreeCAD draws it: Qt itself may have no plugin for these files.
+
+    Parameters
+    ----------
+    name : str
+        Of the file, e.g. ``"HybridVolume_Solve"``.
+
+    Returns
+    -------
+    QIcon
+    """
+    return FreeCADGui.getIcon(name)

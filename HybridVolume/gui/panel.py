@@ -9,9 +9,8 @@ from typing import Any
 import FreeCADGui
 from PySide import QtGui
 
-from . import preferences
 from .dock import WideDock
-from .forms import load_form
+from .forms import load_form, load_icon
 
 
 class Panel:
@@ -34,8 +33,7 @@ class Panel:
 
     def __init__(self, name: str, icon: str) -> None:
         self.form = load_form(name)
-        path = preferences.RESOURCES / "icons" / f"{icon}.svg"
-        self.form.setWindowIcon(QtGui.QIcon(str(path)))
+        self.form.setWindowIcon(load_icon(icon))
         self._closed = False
         self._dock: WideDock | None = None
 
