@@ -20,3 +20,23 @@ def shared_data() -> Path:
     if not (folder / "untrimmed").is_dir():
         pytest.skip(f"no shared input files in {folder} (HYBRIDVOLUME_SHARED names another place)")
     return folder
+
+
+@pytest.fixture(scope="session")
+def python():
+    """The worker's interpreter."""
+    from HybridVolume.errors import SetupError
+    from HybridVolume.job import worker_python
+
+    try:
+        return worker_python()
+    except SetupError as missing:
+        pytest.skip(missing.line)
+
+
+@pytest.fixture
+def place(tmp_path):
+    """An empty working folder, and beside it one for temporary files that must end empty."""
+    (tmp_path / "here").mkdir()
+    (tmp_path / "temporary").mkdir()
+    return tmp_path / "here"
