@@ -171,7 +171,7 @@ def test_normals_are_those_of_the_exact_faces_on_both_sides_of_an_edge() -> None
     assert surface.normal == pytest.approx(outward, abs=1e-12)
     # without them triangles tell the normal roughly, at sides of patches the worst
     guessed = BoundarySurface(volume.fem.nodes, Boundary(exact.triangles, exact.face)).normal
-    assert 1e-3 < np.abs(guessed - outward).max() < 0.2
+    assert 1e-3 < np.abs(guessed - outward).max() < 0.3
 
 
 def test_faces_in_one_plane_stay_two_for_their_loads_and_are_one_for_the_eye() -> None:

@@ -19,15 +19,17 @@ CREASE = 30.0
 
 SEAM = 10.0
 """The same for a common edge of two CAD faces, by the normals that each of them has there."""
-STEEPEST = 60.0
-"""Degrees between normals around a point up to which it is seen from its tangent plane."""
+STEEPEST = 45.0
+"""Degrees between normals up to which a point is seen from the tangent plane of another."""
 _NEAR = 0.03
 """Square of the distance, as a share of the farthest, within which all weights are alike."""
 _HOLD = 1e-4
 """Weight that holds cubic terms back, as a share of the far points'."""
 _MARGIN = {2: 1.0, 3: 1.5}
 """Points an unknown of a quadric, of a cubic."""
-_SINGULAR = 1e-10
+_TRUST = 1.0
+"""Largest change by a cubic as a multiple of that by the quadric."""
+_SINGULAR = 1e-7
 _BLOCK = 5_000
 
 
@@ -127,7 +129,6 @@ class BoundarySurface:
         self.point_face, self.faces = self._components()
         self.position = nodes[self.point_node]
         self.normal = _unit(self._mean(normals))
-        self._even = self._bends(normals)
         given = np.full(self.points.shape, np.nan)
         if boundary.pressure is not None:
             given[:] = np.asarray(boundary.pressure)[:, None]
@@ -274,6 +275,12 @@ class BoundarySurface:
         first = _unit(np.cross(self.normal, least))
         return np.stack([first, np.cross(self.normal, first), self.normal], axis=1)
 
+    @cached_property
+    def inward(self) -> np.ndarray:
+        """Unit vectors from each point into its own face, (np, 3): what lies around it of that."""
+        middle = self._nodes[self.triangles].mean(axis=1, keepdims=True)
+        return _unit(self._mean(middle - self._nodes[self.triangles]))
+
     def tangential_strain(self, displacement: np.ndarray, gradient: np.ndarray) -> np.ndarray:
         """Strain along the surface in the frame's tangents.
 
@@ -293,27 +300,26 @@ class BoundarySurface:
         if self.whole is not None:
             return self.whole.tangential_strain(displacement, gradient)[self._place]
         rough = gradient[self.point_node]
+        linear = np.einsum("pck,pbk->pcb", rough, self.frame[:, :2])
         slope = np.einsum("tnc,mnd->tmcd", displacement[self.triangles], self._gradients)
+        slope -= gradient[self.triangles] @ self._tangents
         inverse = np.linalg.pinv(self._tangents, rcond=1e-6)
         direct = self._mean((slope @ inverse).reshape(len(slope), -1, 9)).reshape(-1, 3, 3)
-        along = np.einsum("pck,pbk->pcb", direct, self.frame[:, :2])
+        along = linear + np.einsum("pck,pbk->pcb", direct, self.frame[:, :2])
         if self.kind == "tri6":
-            linear = np.einsum("pck,pbk->pcb", rough, self.frame[:, :2])
-            for degree in (2, 3):
-                fitted, sound = self._slopes(displacement[self.point_node], degree, rough)
-                along = np.where(sound[:, None, None], linear + fitted, along)
+            values = displacement[self.point_node]
+            # no fit, where faces are narrow, may change more than there is
+            room = np.linalg.norm(rough + np.swapaxes(rough, 1, 2), axis=(1, 2))
+            quadric, sound = self._slopes(values, 2, rough)
+            first = _within(np.where(sound[:, None, None], linear + quadric - along, 0.0), room)
+            # and where a cubic changes much more than the quadric did, it is the fit that errs
+            room = np.minimum(room, _TRUST * np.linalg.norm(first, axis=(1, 2)))
+            cubic, sound = self._slopes(values, 3, rough)
+            along = along + first
+            along += _within(np.where(sound[:, None, None], linear + cubic - along, 0.0), room)
         local = np.einsum("pac,pcb->pab", self.frame[:, :2], along)
         shear = 0.5 * (local[:, 0, 1] + local[:, 1, 0])
         return np.column_stack([local[:, 0, 0], local[:, 1, 1], shear])
-
-    def _bends(self, normals: np.ndarray) -> dict[int, np.ndarray]:
-        """Whether triangles near each point see it from within `STEEPEST`, by degree, (np,)."""
-        towards = np.einsum("tkc,tmc->tkm", self.normal[self.points], normals).min(axis=2)
-        least = np.ones(len(self.point_node))
-        np.minimum.at(least, self.points.ravel(), towards.ravel())
-        angle = np.arccos(np.clip(least, -1.0, 1.0))
-        # two rings bend about twice as much as one
-        return {degree: (degree - 1) * angle < np.radians(STEEPEST) for degree in (2, 3)}
 
     def _ring(self, wide: bool) -> sp.csr_matrix:
         """Points near each point: of the triangles around it, or also of those that touch them."""
@@ -357,7 +363,8 @@ class BoundarySurface:
         powers = [(i - j, j) for i in range(degree + 1) for j in range(i + 1)]
         cubic = np.array([i + j > 2 for i, j in powers])
         length = np.diff(ring.indptr)
-        sound = self._even[degree] & (length >= _MARGIN[degree] * len(powers))
+        sound = length >= _MARGIN[degree] * len(powers)
+        seen = np.cos(np.radians(STEEPEST))
         slopes = np.zeros((len(self.point_node), 3, 2))
         todo = np.flatnonzero(sound)
         todo = todo[np.argsort(length[todo], kind="stable")]
@@ -366,6 +373,9 @@ class BoundarySurface:
             used = np.arange(length[part].max()) < length[part][:, None]
             index = np.zeros(used.shape, dtype=np.int64)
             index[used] = ring[part].indices
+            # what lies round a bend is out of sight
+            used &= np.einsum("psc,pc->ps", self.normal[index], self.normal[part]) > seen
+            sound[part] = used.sum(axis=1) >= _MARGIN[degree] * len(powers)
             away = self.position[index] - self.position[part][:, None]
             x = np.einsum("psc,pkc->psk", away, self.frame[part][:, :2])
             square = np.sum(x**2, axis=2)
@@ -389,6 +399,13 @@ class BoundarySurface:
             found = vectors @ ((np.swapaxes(vectors, 1, 2) @ right) / size[..., None])
             slopes[part] = np.swapaxes(found[:, 1:3], 1, 2) / scale[:, None, None]
         return slopes, sound
+
+
+def _within(change: np.ndarray, room: np.ndarray) -> np.ndarray:
+    """Changes (np, 3, 2), made smaller where they are larger than (np,) bounds."""
+    size = np.linalg.norm(change, axis=(1, 2))
+    share = np.divide(room, size, out=np.ones_like(size), where=size > room)
+    return share[:, None, None] * change
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

@@ -365,8 +365,10 @@ def combined(
     frame = surface.frame
     known = np.isfinite(traction)
     # a face without a known load leaves the strain as the elements have it: better than half of it
+    both, doubtful = _at_edges(surface, known.all(axis=1))
+    known &= ~doubtful[:, None]
     sure = known.all(axis=1)
-    trust = np.where(sure, np.where(_at_edges(surface, sure), _EDGE, 1.0), _UNSURE)[:, None]
+    trust = np.where(sure, np.where(both, _EDGE, 1.0), _UNSURE)[:, None]
     rows, values = [], []
     for number, (a, b, weight) in enumerate(((0, 0, 1.0), (1, 1, 1.0), (0, 1, 2.0**0.5))):
         rows.append(trust * modulus * weight * _product(frame[:, a], frame[:, b]))
@@ -392,22 +394,42 @@ def combined(
     return result
 
 
-def _at_edges(surface: BoundarySurface, sure: np.ndarray) -> np.ndarray:
-    """Whether the node of each point has another point, with another normal, and known loads."""
-    count = len(sure)
-    first = np.argsort(surface.point_node, kind="stable")
-    found = np.zeros(count, dtype=bool)
+def _at_edges(surface: BoundarySurface, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How points fare whose node has others.
+
+    Parameters
+    ----------
+    surface : BoundarySurface
+    known : (np,) bool array
+        Whether the load of each point is.
+
+    Returns
+    -------
+    both : (np,) bool array
+        Points that share their node with one of another normal, all of known loads.
+    doubtful : (np,) bool array
+        Points whose load says nothing at their node: at edges that point into the body, where
+        stresses have no bound, and where a support begins beside them on a smooth surface.
+    """
+    order = np.argsort(surface.point_node, kind="stable")
+    both, doubtful = np.zeros((2, len(known)), dtype=bool)
     sharp = np.cos(np.radians(_SHARP))
-    for step in range(1, 1 + int(np.bincount(surface.point_node).max())):
-        one, other = first[:-step], first[step:]
+    for step in range(1, int(np.bincount(surface.point_node).max())):
+        one, other = order[:-step], order[step:]
         same = surface.point_node[one] == surface.point_node[other]
-        if not same.any():
-            break
         one, other = one[same], other[same]
-        across = np.sum(surface.normal[one] * surface.normal[other], axis=1) < sharp
-        both = across & sure[one] & sure[other]
-        found[one[both]] = found[other[both]] = True
-    return found
+        cosine = np.sum(surface.normal[one] * surface.normal[other], axis=1)
+        pair = (cosine < sharp) & known[one] & known[other]
+        both[one[pair]] = both[other[pair]] = True
+        rise = np.sum(surface.normal[one] * surface.inward[other], axis=1)
+        rise = np.maximum(rise, np.sum(surface.normal[other] * surface.inward[one], axis=1))
+        bad = (cosine < sharp) & (rise > np.sin(np.radians(_SHARP)))
+        bad |= (cosine > sharp) & (known[one] != known[other])
+        doubtful[one[bad]] = doubtful[other[bad]] = True
+    # a node is as good as the worst pair of its points
+    worst = np.zeros(len(surface.node_area), dtype=bool)
+    worst[surface.point_node[doubtful]] = True
+    return both, worst[surface.point_node]
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
