@@ -37,6 +37,7 @@ _FUNCTIONS = {
     "find_midstructure": "scripting",
     "make_analysis": "scripting_fem",
     "medial_axis": "scripting",
+    "read_mesh": "scripting",
     "read_step": "scripting",
     "recover_stress": "scripting_fem",
     "remesh": "scripting_fem",

@@ -64,6 +64,12 @@ def _count(text: str) -> int:
     return int(text)
 
 
+def _steps(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of subdivisions")
+    return int(text)
+
+
 def _number(text: str) -> float:
     try:
         value = float(text)
@@ -200,8 +206,13 @@ def parser() -> Parser:
         "  ./run.sh part.step --size 2 --face-size Face3=0.5 --fem-layers 4 --export unv,msh\n",
         formatter_class=_Help,
     )
-    p.add_argument("body", metavar="BODY.step", help="STEP or BREP file with untrimmed NURBS faces")
+    p.add_argument(
+        "body",
+        metavar="BODY.step",
+        help="STEP or BREP file with untrimmed NURBS faces, or a mesh (.obj, .off, .ply)",
+    )
     p.add_argument("-o", "--output", metavar="DIR", help="output folder (default: ./NAME)")
+    _add_mesh_files(p)
     _add_thickness(p)
     p.add_argument(
         "--method",
@@ -236,6 +247,33 @@ def parser() -> Parser:
     p.add_argument("--free-only", action="store_true", help="leave the GPL parts out")
     p.add_argument("--version", action="version", version=f"HybridVolume {HybridVolume.version}")
     return p
+
+
+def _add_mesh_files(p: Parser) -> None:
+    from HybridVolume.sources.meshes import SCHEMES
+
+    group = p.add_argument_group("mesh files", "how an OBJ, OFF or PLY file becomes patches")
+    group.add_argument(
+        "--scheme",
+        choices=SCHEMES,
+        default="auto",
+        help="one bilinear patch a quad; the Catmull-Clark surface of a cage, with the creases of "
+        "OpenSubdiv's OBJ files; or a smooth bicubic surface without creases (default: auto, "
+        "Catmull-Clark where there are creases or other faces than quads, else bilinear)",
+    )
+    group.add_argument(
+        "--steps",
+        type=_steps,
+        metavar="N",
+        help="subdivisions first, 0 to 5 (default: as many as the scheme needs)",
+    )
+    group.add_argument(
+        "--sharp-angle",
+        type=_number,
+        default=0.0,
+        metavar="DEG",
+        help="edges of a cage that turn by more are creases too (default: 0, only those named)",
+    )
 
 
 def _add_thickness(p: Parser) -> None:

@@ -107,7 +107,11 @@ def complete_file(options: argparse.Namespace, screen: Screen) -> int:
         parameters = parameters_of(options)
         Options(**options_of(parameters))  # refuses what is out of range before the long work
         geometry = _Geometry(options.midstructure) if _names_file(options) else None
-        bodies = sources.read_file(options.body)
+        surfacing = sources.Surfacing(options.scheme, options.steps, options.sharp_angle)
+        bodies = sources.read_file(options.body, surfacing)
+        for body in bodies:
+            for note in body.origin.get("mesh", {}).get("notes", ()):
+                screen.line(f"{body.name}: {note}")
         check_named_faces(options.decisions, bodies)
         check_faces(parameters["FaceFactors"], bodies)
         check_faces(options.face_sizes, bodies, "size")
@@ -388,7 +392,11 @@ class _Writer:
                 "strict_decisions": alone,
             },
             own=own,
-            source={"file": Path(self._options.body).name, "bodies": self._bodies},
+            source={
+                "file": Path(self._options.body).name,
+                "bodies": self._bodies,
+                **body.origin,
+            },
             exports=self._exports,
             elements=self._options.elements,
             python=self._python,

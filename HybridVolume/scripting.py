@@ -23,6 +23,44 @@ if TYPE_CHECKING:
     from HybridVolume.sources import Body
 
 
+def read_mesh(
+    path: str | os.PathLike,
+    scheme: str = "auto",
+    steps: int | None = None,
+    sharp_angle: float = 0.0,
+) -> list[Body]:
+    """Read the bodies of an OBJ, OFF or PLY file with a closed mesh.
+
+    Parameters
+    ----------
+    path : path
+    scheme : {"auto", "bilinear", "catmull-clark", "smooth"}
+        How the mesh becomes patches; by itself Catmull-Clark where there are creases or other
+        faces than quads, else one bilinear patch a quad.
+    steps : int, optional
+        Subdivisions first.
+    sharp_angle : float
+        Edges of a cage that turn by more, degrees, are creases; 0: only those that are named.
+
+    Returns
+    -------
+    list of Body
+        ``origin["mesh"]["notes"]`` tells what was mended and how the patches were made.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or the mesh is no closed surface; elements are named by their
+        numbers in the file.
+    """
+    from HybridVolume.freecad_python import import_freecad
+
+    import_freecad()
+    from HybridVolume.sources import Surfacing, read_file
+
+    return read_file(path, Surfacing(scheme, steps, sharp_angle))
+
+
 def read_step(path: str | os.PathLike) -> list[Body]:
     """Read the bodies of a STEP or BREP file.
 

@@ -2,9 +2,12 @@
 # SPDX-FileCopyrightText: The HybridVolume authors
 """Mesh files become bodies that FreeCAD has as solids of untrimmed faces."""
 
+import json
+
 import numpy as np
 import pytest
 
+from HybridVolume.__main__ import main
 from HybridVolume.core.assembly import build_surface
 from HybridVolume.errors import InputError, OpenBodyError, SetupError
 from HybridVolume.sources.meshes import Surfacing, read_mesh
@@ -39,22 +42,22 @@ def written(tmp_path, text):
 )
 def test_a_cube_by_every_scheme(tmp_path, surfacing, patches, low, high):
     (one,) = read_mesh(written(tmp_path, CUBE), surfacing)
-    assert one.body.error is None
-    assert one.body.name == "cage"
-    assert one.body.shape.isValid()
-    assert len(one.body.shape.Faces) == len(one.body.faces) == patches
-    surface = build_surface(list(one.body.faces))
+    assert one.error is None
+    assert one.name == "cage"
+    assert one.shape.isValid()
+    assert len(one.shape.Faces) == len(one.faces) == patches
+    surface = build_surface(list(one.faces))
     assert low - 1e-9 <= surface.volume() <= high + 1e-9
 
 
 def test_the_file_decides_where_nothing_is_asked(tmp_path):
     creased = CUBE + "t crease 2/1/0 0 1 10\n"
     (one,) = read_mesh(written(tmp_path, creased))
-    assert one.figures["scheme"] == "catmull-clark"
+    assert one.origin["mesh"]["scheme"] == "catmull-clark"
     halved = CUBE.replace("f 1 3 4 2\n", "f 1 3 4\nf 1 4 2\n")
     (one,) = read_mesh(written(tmp_path, halved))
-    assert one.figures["scheme"] == "catmull-clark"
-    assert one.figures["quads"] == 5 * 4 + 2 * 3
+    assert one.origin["mesh"]["scheme"] == "catmull-clark"
+    assert one.origin["mesh"]["quads"] == 5 * 4 + 2 * 3
     with pytest.raises(InputError, match="faces 1 and 2 have not four corners"):
         read_mesh(written(tmp_path, halved), Surfacing("bilinear"))
 
@@ -65,9 +68,13 @@ def test_several_bodies_and_mended_ones(tmp_path):
         "f 9 11 12 10\nf 13 14 16 15\nf 9 10 14 13\nf 15 11 12 16\nf 9 13 15 11\nf 10 12 16 14\n"
     )
     found = read_mesh(written(tmp_path, CUBE + shifted + second))
-    assert [one.body.name for one in found] == ["cage_1", "cage_2"]
-    assert all(np.isclose(one.body.shape.Volume, 8.0) for one in found)
-    assert any("turned as their neighbours" in note for one in found for note in one.notes)
+    assert [one.name for one in found] == ["cage_1", "cage_2"]
+    assert all(np.isclose(one.shape.Volume, 8.0) for one in found)
+    assert any(
+        "turned as their neighbours" in note
+        for one in found
+        for note in one.origin["mesh"]["notes"]
+    )
 
 
 def test_bad_requests_are_refused(tmp_path):
@@ -78,3 +85,19 @@ def test_bad_requests_are_refused(tmp_path):
             Surfacing(**wrong)
     with pytest.raises(InputError, match="subdivisions of bilinear"):
         read_mesh(written(tmp_path, CUBE), Surfacing("bilinear", 2))
+
+
+def test_the_command_line_takes_a_mesh(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = written(tmp_path, CUBE.replace("f 2 4 8 6", "f 6 8 4 2"))
+    assert main([str(path), "--scheme", "smooth", "--steps", "1", "--w0", "0.3"]) == 0
+    said = capsys.readouterr().out
+    assert "face 6: turned as their neighbours" in said
+    assert "cage: smooth, 24 quads in 6 patches" in said
+    report = json.loads((tmp_path / "cage" / "report.json").read_text())
+    assert report["input"]["mesh"]["scheme"] == "smooth"
+    assert report["input"]["mesh"]["normal_jump"] < 1e-9
+    assert report["input"]["faces"] == 6
+    assert report["shell"]["invalid"] == report["shell"]["undecided"] == 0
+    assert main(["body.step", "--scheme", "smooth"]) == 2
+    assert "is no mesh" in capsys.readouterr().err

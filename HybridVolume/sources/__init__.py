@@ -2,7 +2,15 @@
 # SPDX-FileCopyrightText: The HybridVolume authors
 """Bodies from files and FreeCAD shapes. Runs in FreeCAD's Python, which it imports when needed."""
 
+from .files import Surfacing, read_file
 from .shapes import Body, check_against_cad, global_shape, read_object, read_shape
-from .step import read_file
 
-__all__ = ["Body", "check_against_cad", "global_shape", "read_file", "read_object", "read_shape"]
+__all__ = [
+    "Body",
+    "Surfacing",
+    "check_against_cad",
+    "global_shape",
+    "read_file",
+    "read_object",
+    "read_shape",
+]

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import logging
 import os
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -72,35 +72,20 @@ class Surfacing:
             )
 
 
-@dataclass(frozen=True)
-class MeshBody:
-    """One body of a mesh file.
-
-    Attributes
-    ----------
-    mesh : PolygonMesh
-        The cage, mended.
-    body : Body
-    figures : dict
-        ``scheme``, ``quads``, ``distance`` (of the limit surface, mm) and ``normal_jump`` (rad)
-        where the scheme knows them.
-    notes : tuple of str
-        What was mended, and how the patches were made.
-    """
-
-    mesh: PolygonMesh = field(repr=False)
-    body: Body
-    figures: dict[str, Any]
-    notes: tuple[str, ...] = ()
-
-
-def read_mesh(path: str | os.PathLike, surfacing: Surfacing | None = None) -> list[MeshBody]:
+def read_mesh(path: str | os.PathLike, surfacing: Surfacing | None = None) -> list[Body]:
     """Bodies of an OBJ, OFF or PLY file, one for each outer skin of its mesh.
 
     Parameters
     ----------
     path : path
     surfacing : Surfacing, optional
+
+    Returns
+    -------
+    list of Body
+        ``origin["mesh"]`` has ``scheme``, ``quads``, ``notes`` (what was mended, and how the
+        patches were made) and, where the scheme knows them, ``distance`` (of the limit surface,
+        mm) and ``normal_jump`` (rad).
 
     Raises
     ------
@@ -123,7 +108,7 @@ def read_mesh(path: str | os.PathLike, surfacing: Surfacing | None = None) -> li
     ]
 
 
-def _surfaced(mesh: PolygonMesh, name: str, scheme: str, surfacing: Surfacing) -> MeshBody:
+def _surfaced(mesh: PolygonMesh, name: str, scheme: str, surfacing: Surfacing) -> Body:
     figures: dict[str, Any] = {"scheme": scheme}
     faces: list[SplineFace]
     if scheme == "bilinear":
@@ -163,7 +148,7 @@ def _surfaced(mesh: PolygonMesh, name: str, scheme: str, surfacing: Surfacing) -
         ) from fault
     if body.error is None and len(body.faces) != len(faces):
         raise FaultError(f"FreeCAD has {len(body.faces)} of {len(faces)} faces")
-    return MeshBody(mesh, body, figures, (*mesh.notes, words))
+    return replace(body, origin={"mesh": {**figures, "notes": [*mesh.notes, words]}})
 
 
 def _steps(surfacing: Surfacing, default: int) -> int:

@@ -45,6 +45,8 @@ class Body:
     domains : tuple
         For each face the rectangle ``(u0, u1, v0, v1)`` of its B-spline surface, or None where a
         converted face has other parameters.
+    origin : dict
+        What is known about where the body comes from, for the report; of a mesh file ``mesh``.
     """
 
     name: str
@@ -52,6 +54,7 @@ class Body:
     shape: Any = field(repr=False)
     error: errors.InputError | None = None
     domains: tuple = ()
+    origin: dict[str, Any] = field(default_factory=dict)
 
 
 def read_object(document_object: Any) -> list[Body]:
