@@ -13,6 +13,7 @@ import FreeCAD
 import FreeCADGui
 from PySide import QtCore
 
+from .element_colours import colour_elements, traffic_light
 from .preferences import RESOURCES
 
 
@@ -149,21 +150,14 @@ class PartView(MeshView):
             mesh = view.Object.FemMesh
         except ReferenceError:  # deleted meanwhile
             return
-        by_quality = view.ColourBy == "Quality"
-        if by_quality:
+        if view.ColourBy == "Quality":
             quality = element_quality(mesh, outer=True)
-            view.ElementColor = {element: traffic_light(q) for element, q in quality.items()}
-        if "ColorMode" in view.PropertiesList:  # FreeCAD 1.0 and later
-            view.ColorMode = "ByElement" if by_quality else "Overall"
-        elif not by_quality:
+            colour_elements(view, {e: traffic_light(q) for e, q in quality.items()})
+        elif "ColorMode" in view.PropertiesList:  # FreeCAD 1.0 and later
+            view.ColorMode = "Overall"
+        else:
             view.ElementColor = {}
             _paint(view, self.COLOUR)
-
-
-def traffic_light(quality: float) -> tuple[float, float, float]:
-    """Red at 0, yellow at 0.5, green at 1."""
-    q = min(max(quality, 0.0), 1.0)
-    return (min(1.0, 2.0 - 2.0 * q), min(1.0, 2.0 * q), 0.1)
 
 
 class ShellView(PartView):
