@@ -131,8 +131,12 @@ def _boundary(
     for number, members in enumerate(faces.values()):
         rows += [table.getElementNodes(element) for element in members]
         owner += [number] * len(members)
-    given = np.searchsorted(numbers, np.array(rows, dtype=int).reshape(len(rows), -1))
-    triangles = from_order("freecad", f"tri{given.shape[1]}", given) if rows else given
+    if not rows:
+        raise InputError(
+            f"{mesh.Label} has no groups of boundary faces", remedy="mesh the volume again"
+        )
+    given = np.searchsorted(numbers, np.array(rows, dtype=int))
+    triangles = from_order("freecad", f"tri{given.shape[1]}", given)
     face = np.array(owner, dtype=int)
     plain = Boundary(triangles, face, pressure=pressures[face])
     stored = [one for one in mesh.InList if getattr(one, "FemMesh", None) == mesh and one.Result]
