@@ -78,7 +78,7 @@ class Problem:
     slope: float = 2.0
     material: Material = STEEL_LIKE
     level: float = 0.6
-    densities: tuple[tuple[int, int], ...] = ((1, 1), (1, 2), (2, 2), (3, 3))
+    densities: tuple[tuple[int, int], ...] = ((1, 1), (1, 2), (2, 1), (2, 2))
     sizes: Mapping[str, tuple[float, ...]] = field(
         default_factory=lambda: {
             "tet10": (0.5, 0.35, 0.25, 0.18),
@@ -145,7 +145,7 @@ def thick_cylinder(inner: float = 1.0, outer: float = 2.0, height: float = 1.0) 
     return Problem(
         "cylinder",
         "thick tube, radii 1 and 2, height 1, pressure in the bore, free ends (Lamé)",
-        tube(inner, outer, height, even(4), graded(2, 1.5), ()),
+        tube(inner, outer, height, even(4), graded(3, 1.4), ()),
         displacement,
         stress,
         ("bore", "outside"),
@@ -197,6 +197,11 @@ def thick_sphere(inner: float = 1.0, outer: float = 2.0) -> Problem:
         near=("cavity",),
         level=0.8,
         densities=((1, 2), (2, 1), (2, 2), (3, 2)),
+        sizes={
+            "tet10": (0.7, 0.5, 0.35, 0.28),
+            "tet10-graded": (0.5, 0.35, 0.25, 0.18),
+            "netgen-layers": (0.7, 0.5, 0.35, 0.28),
+        },
         slope=2.0 / inner,
         peak_at=np.array([[inner, 0.0, 0.0]]),
     )
@@ -241,6 +246,12 @@ def holed_plate(radius: float = 1.0, side: float = 4.0, height: float = 1.0) -> 
         displacement,
         stress,
         ("hole",),
+        densities=((1, 1), (1, 2), (2, 2), (2, 3)),
+        sizes={
+            "tet10": (0.7, 0.5, 0.35, 0.25),
+            "tet10-graded": (0.35, 0.25, 0.18, 0.12),
+            "netgen-layers": (0.7, 0.5, 0.35, 0.25),
+        },
         tractions={"far": _stress_of(stress)},
         held={"symmetry x": (0,), "symmetry y": (1,), "bottom": (2,), "top": (2,)},
         near=("hole",),
@@ -315,11 +326,17 @@ def cantilever(length: float = 10.0, width: float = 2.0, force: float = 1.0) -> 
     return Problem(
         "cantilever",
         "bar 10 x 2 x 2, force at its tip (Saint-Venant)",
-        beam(length, width, (even(5), even(2), even(2))),
+        beam(length, width, (even(10), even(2), even(2))),
         displacement,
         stress,
         ("side",),
-        densities=((1, 1), (1, 2), (2, 1), (3, 2)),
+        level=0.8,
+        densities=((1, 1), (1, 2), (2, 2), (2, 3)),
+        sizes={
+            "tet10": (0.8, 0.6, 0.45, 0.35),
+            "tet10-graded": (0.8, 0.6, 0.4, 0.3),
+            "netgen-layers": (0.8, 0.6, 0.45, 0.35),
+        },
         tractions={"tip": _stress_of(stress)},
         held={"root": (0, 1, 2)},
         peak_at=np.array([[0.0, half, 0.0]]),
@@ -340,6 +357,11 @@ def heavy_torus(major: float = 3.0, minor: float = 1.0) -> Problem:
         solution.stress,
         ("surface",),
         densities=((1, 1), (2, 1), (2, 2), (3, 2)),
+        sizes={
+            "tet10": (0.8, 0.6, 0.45, 0.35),
+            "tet10-graded": (0.75, 0.6, 0.45, 0.33),
+            "netgen-layers": (0.8, 0.6, 0.45, 0.35),
+        },
         tractions={"surface": solution.traction},
         supports=(
             ((major + minor, 0.0, 0.0), (0, 1, 2)),
