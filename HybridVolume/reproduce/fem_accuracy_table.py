@@ -25,6 +25,7 @@ PEAK_NODES, PEAK = 2000, 0.3
 _NEAR = 1.2
 _FAR = 10.0
 """How far beyond the finest mesh a number of nodes is extrapolated."""
+_TICKS = (500, 1000, 2000, 5000, 10000, 20000)
 
 Case = Mapping[str, Any]
 
@@ -234,6 +235,7 @@ def pictures(cases: Sequence[Case], folder: Path) -> list[str]:
         Names of the files in ``folder``.
     """
     from matplotlib.figure import Figure
+    from matplotlib.ticker import NullFormatter
 
     names = []
     colours = dict(zip(TITLES, ("tab:blue", "tab:gray", "tab:red", "tab:green"), strict=True))
@@ -252,8 +254,10 @@ def pictures(cases: Sequence[Case], folder: Path) -> list[str]:
                     )  # fmt: skip
             axes.axhline(1.0, color="black", linewidth=0.6)
             axes.set(xlabel="nodes", ylabel="error of boundary stress, %", title=f"{name}: {words}")
+            axes.set_xticks(_TICKS, [f"{tick}" for tick in _TICKS])
+            axes.xaxis.set_minor_formatter(NullFormatter())
             axes.grid(True, which="both", linewidth=0.3)
-        axes.legend(fontsize=7)
+        axes.legend(fontsize=7, handlelength=4.0)
         names.append(f"accuracy_{name}.png")
         figure.savefig(folder / names[-1], dpi=110)
     return names
