@@ -27,6 +27,10 @@ _PASSES = (
 Tets that are proved are hardly better straight, as flat as their corners: wedges gain much."""
 
 
+_FEW = 10
+"""Elements that are not proved, up to which all passes are tried."""
+
+
 class Elements:
     """Elements over nodes that may move, with what is proved of each.
 
@@ -169,6 +173,10 @@ def untangle_inside(elements: Elements, may_move: np.ndarray) -> int:
         undone = free & np.append(worst[1] <= worst[0], False)[cluster]
         if undone.any():
             elements.move(np.where(undone[:, None], old, fresh))
+        left = sum(int(np.count_nonzero(~p)) for p in elements.proved)
+        if left > max(_FEW, 0.5 * sum(int((q < 0.0).sum()) for q in judged)):
+            # denser samples around more elements would take long, and hardly help
+            break
     return int(np.count_nonzero((elements.nodes != before).any(axis=1)))
 
 
