@@ -82,7 +82,7 @@ def as_markdown(cases: Sequence[Case]) -> str:
     parts = []
     for name, meshers in _by_problem(cases).items():
         words = next(iter(meshers.values()))["words"]
-        parts += [f"**{name}**: {words}.", "", *_errors(meshers), ""]
+        parts += [f"**{name}**: {words}.", "", *_errors(meshers), "", *_orders(meshers), ""]
     parts += ["Nodes for 1 % of boundary stress:", "", *_needs(cases), "", *_words(cases)]
     return "\n".join(parts).rstrip() + "\n"
 
@@ -107,6 +107,33 @@ def _errors(meshers: Mapping[str, Case]) -> list[str]:
                 f" {_short(row['energy'])} | {stress} |"
             )
     return lines
+
+
+def _orders(meshers: Mapping[str, Case]) -> list[str]:
+    """Powers of h (nodes to the power -1/3) by which errors fall, from coarsest to finest mesh."""
+    words = []
+    for mesher, title in TITLES.items():
+        rows = _rows(meshers.get(mesher, {}))
+        if len(rows) < 2:
+            continue
+        step = np.log(rows[-1]["nodes"] / rows[0]["nodes"]) / 3.0
+        orders = [
+            float(np.log(value(rows[0]) / value(rows[-1])) / step)
+            for value in (
+                lambda row: row["displacement"],
+                lambda row: row["energy"],
+                lambda row: row["ccx"]["rms"],
+                lambda row: row["recovered"]["rms"],
+            )
+        ]
+        words.append(f"{title} " + ", ".join(f"{order:.1f}" for order in orders))
+    if not words:
+        return []
+    return [
+        "Rates in h (displacement, energy, rms by CalculiX, rms recovered): "
+        + "; ".join(words)
+        + "."
+    ]
 
 
 def _triple(figures: Mapping[str, float]) -> str:
@@ -240,7 +267,7 @@ def pictures(cases: Sequence[Case], folder: Path) -> list[str]:
     names = []
     colours = dict(zip(TITLES, ("tab:blue", "tab:gray", "tab:red", "tab:green"), strict=True))
     for name, meshers in _by_problem(cases).items():
-        figure = Figure(figsize=(10.0, 4.2), layout="constrained")
+        figure = Figure(figsize=(10.0, 4.8), layout="constrained")
         for axes, (error, words) in zip(
             figure.subplots(1, 2), (("rms", "mean square"), ("max", "largest")), strict=True
         ):
@@ -257,7 +284,8 @@ def pictures(cases: Sequence[Case], folder: Path) -> list[str]:
             axes.set_xticks(_TICKS, [f"{tick}" for tick in _TICKS])
             axes.xaxis.set_minor_formatter(NullFormatter())
             axes.grid(True, which="both", linewidth=0.3)
-        axes.legend(fontsize=7, handlelength=4.0)
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4,
+                      fontsize=7, handlelength=4.0)  # fmt: skip
         names.append(f"accuracy_{name}.png")
         figure.savefig(folder / names[-1], dpi=110)
     return names

@@ -14,7 +14,7 @@ from ..core.elements import jacobians, quadrature, shape_functions, shape_gradie
 from ..core.recovery import tensor, von_mises
 from ..errors import FaultError
 from .fem_mesh import Meshed
-from .fem_problems import Field, Problem, Traction
+from .fem_problems import Problem, Traction
 
 _POINTS = 4
 """Gauss points a direction: exact to degree 5 in tets and 6 in triangles."""
@@ -236,12 +236,3 @@ class _Rigid:
         weight = np.repeat(volume, 3)
         gram, right = (flat * weight) @ flat.T, (flat * weight) @ field.ravel()
         return field - (np.linalg.solve(gram, right) @ flat).reshape(field.shape)
-
-
-def rates(rows: list[Mapping[str, Any]], value: Field) -> list[float]:
-    """Power of the number of nodes, times -3, by which a figure falls from row to row."""
-    found = []
-    for low, high in zip(rows, rows[1:], strict=False):
-        gain = np.log(value(low) / value(high))
-        found.append(float(3.0 * gain / np.log(high["nodes"] / low["nodes"])))
-    return found
