@@ -68,6 +68,7 @@ class SolveRun(QtCore.QObject):
         from HybridVolume.objects.analysis import find_calculix, mesh_in, prepare_run
 
         self._analysis = analysis
+        self._closed = False
         self._folder = tempfile.TemporaryDirectory(prefix="hybridvolume_")
         try:
             with waiting():
@@ -96,37 +97,43 @@ class SolveRun(QtCore.QObject):
         self._process.start(find_calculix(), ["-i", name])
 
     def _cancel(self) -> None:
-        self._process.finished.disconnect()
-        self._process.kill()
-        self._process.waitForFinished(5000)
-        self._close()
+        if not self._closed:
+            self._closed = True
+            self._process.kill()
+            self._process.waitForFinished(5000)
+            self._close()
 
     def _close(self) -> None:
         global _running
         _running = None
-        self._window.canceled.disconnect()
+        # the window says that it is cancelled when it is closed, and the process that it ended
+        self._closed = True
         self._window.close()
         self._window.deleteLater()
         self._folder.cleanup()
 
-    def _not_started(self, *_: Any) -> None:
-        if self._process.state() == QtCore.QProcess.NotRunning and self._process.exitCode() == 0:
+    def _not_started(self, error: Any) -> None:
+        if error == QtCore.QProcess.FailedToStart:
+            reason = self._process.errorString()
             self._close()
-            error = InputError(
-                f"CalculiX does not start: {self._process.errorString()}",
+            refused = InputError(
+                f"CalculiX does not start: {reason}",
                 remedy="name the program under Edit > Preferences > FEM > CalculiX",
             )
-            messages.show_error(error, self._analysis)
+            messages.show_error(refused, self._analysis)
 
     def _finish(self, code: int, *_: Any) -> None:
         from HybridVolume.objects.analysis import take_results
 
+        if self._closed:
+            return
         analysis, run = self._analysis, self._run
         said = bytes(self._process.readAllStandardOutput()).decode(errors="replace")
         if is_deleted(analysis):
             self._close()
             return
-        failed = code != 0 or "*ERROR" in said
+        crashed = self._process.exitStatus() == QtCore.QProcess.CrashExit
+        failed = crashed or code != 0 or "*ERROR" in said
         # this once the solver has done already what the line asks for
         HybridVolume.solve = lambda *_: take_results(analysis, run, failed=failed)
         try:
