@@ -10,24 +10,17 @@ import sys
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING
 
 from HybridVolume.errors import HybridVolumeError, InputError
 from HybridVolume.job import exit_code
+from HybridVolume.options import Parser
 
 if TYPE_CHECKING:
     from HybridVolume.core.polygons import PolygonMesh
 
 FINENESS = 2e-4
 """Share of the diagonal by which triangles of a CAD reference may miss it."""
-
-
-class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line."""
-
-    def error(self, message: str) -> NoReturn:
-        """End with code 2."""
-        self.exit(2, f"error: {message}; see ./run.sh fit --help\n")
 
 
 def parser() -> Parser:
@@ -99,7 +92,7 @@ def main(arguments: Sequence[str]) -> int:
 def run(options: argparse.Namespace) -> str:
     """Fit and write; return a line that tells what was reached."""
     from HybridVolume.core.fit.fitting import fit
-    from HybridVolume.core.polygons import mended
+    from HybridVolume.core.polygon_repair import mended
     from HybridVolume.exports.step import SUFFIXES, write_solid
     from HybridVolume.freecad_python import import_freecad
     from HybridVolume.sources.polygon_files import read_polygons
@@ -136,7 +129,8 @@ def reference_mesh(path: str) -> PolygonMesh:
     InputError
         It cannot be read, or is not closed.
     """
-    from HybridVolume.core.polygons import PolygonMesh, mended
+    from HybridVolume.core.polygon_repair import mended
+    from HybridVolume.core.polygons import PolygonMesh
     from HybridVolume.sources.polygon_files import SUFFIXES, read_polygons
     from HybridVolume.sources.step import read_any_shape
 

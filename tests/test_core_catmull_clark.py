@@ -9,7 +9,8 @@ import pytest
 
 from HybridVolume.core.assembly import build_surface
 from HybridVolume.core.catmull_clark import bezier_nets, catmull_clark
-from HybridVolume.core.polygons import PolygonMesh, mended
+from HybridVolume.core.polygon_repair import mended
+from HybridVolume.core.polygons import PolygonMesh
 from HybridVolume.core.subdivision import limit_points, subdivide
 from HybridVolume.sources.polygon_files import read_polygons
 

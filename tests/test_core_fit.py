@@ -11,7 +11,8 @@ from HybridVolume.core.fit.fitting import fit
 from HybridVolume.core.fit.reference import Reference
 from HybridVolume.core.fit.snap import aligned
 from HybridVolume.core.midstructure.distances import SurfaceDistance
-from HybridVolume.core.polygons import PolygonMesh, mended
+from HybridVolume.core.polygon_repair import mended
+from HybridVolume.core.polygons import PolygonMesh
 from HybridVolume.errors import InputError
 from HybridVolume.sources.polygon_files import read_polygons
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from HybridVolume.core.assembly import build_surface
-from HybridVolume.core.polygons import PolygonMesh, bilinear_faces, bodies, mended
+from HybridVolume.core.polygon_repair import bodies, mended
+from HybridVolume.core.polygons import PolygonMesh, bilinear_faces
 from HybridVolume.errors import (
     InputError,
     NonManifoldError,

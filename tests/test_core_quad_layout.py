@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from HybridVolume.core.polygons import mended
+from HybridVolume.core.polygon_repair import mended
 from HybridVolume.core.quad_layout import quad_layout
 from HybridVolume.sources.polygon_files import read_polygons
 

@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 from HybridVolume.core.assembly import build_surface
-from HybridVolume.core.polygons import PolygonMesh, mended
+from HybridVolume.core.polygon_repair import mended
+from HybridVolume.core.polygons import PolygonMesh
 from HybridVolume.core.smooth_quads import smooth_quads
 from HybridVolume.sources.polygon_files import read_polygons
 

@@ -4,10 +4,10 @@
 
 import pytest
 
-from HybridVolume.__main__ import parser
 from HybridVolume.completion import parameters_of
 from HybridVolume.core.pipeline import Options
 from HybridVolume.errors import InputError, SetupError
+from HybridVolume.options import parser
 
 try:
     from HybridVolume.freecad_python import import_freecad

@@ -9,7 +9,8 @@ from scipy.spatial import cKDTree
 
 from HybridVolume.core.assembly import build_surface
 from HybridVolume.core.catmull_clark import catmull_clark
-from HybridVolume.core.polygons import PolygonMesh, bilinear_faces, mended
+from HybridVolume.core.polygon_repair import mended
+from HybridVolume.core.polygons import PolygonMesh, bilinear_faces
 from HybridVolume.errors import InputError, SetupError
 from HybridVolume.exports.step import write_solid
 from HybridVolume.sources import read_file

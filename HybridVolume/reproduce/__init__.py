@@ -11,10 +11,10 @@ import sys
 import traceback
 from collections.abc import Sequence
 from importlib import import_module
-from typing import NoReturn
 
 from HybridVolume.errors import HybridVolumeError
 from HybridVolume.job import exit_code
+from HybridVolume.options import Parser
 
 FIGURES = {
     "midstructure": "the automatic midstructure of all bodies, up to their shells",
@@ -22,14 +22,6 @@ FIGURES = {
     "fem": "finite element meshes: patch tests, sums of loads, accuracy",
 }
 """What can be made again: modules of this package, with ``add_arguments`` and ``run``."""
-
-
-class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line."""
-
-    def error(self, message: str) -> NoReturn:
-        """End with code 2."""
-        self.exit(2, f"error: {message}; see ./run.sh reproduce --help\n")
 
 
 def parser() -> Parser:

@@ -14,7 +14,8 @@ import numpy as np
 
 from ..core.assembly import build_surface
 from ..core.catmull_clark import catmull_clark
-from ..core.polygons import SHARP, PolygonMesh, bilinear_faces, bodies, mended
+from ..core.polygon_repair import bodies, mended
+from ..core.polygons import SHARP, PolygonMesh, bilinear_faces
 from ..core.smooth_quads import smooth_quads
 from ..core.surface import SplineFace
 from ..errors import FaultError, InputError
