@@ -58,6 +58,7 @@ _OTHERS = {
         "fem_table.py",
         "fem_patch.py",
         "fem_loads.py",
+        "fem_pictures.py",
         "fem_accuracy_table.py",
     )
 }
@@ -166,6 +167,7 @@ def run(options: argparse.Namespace) -> int:
     HybridVolumeError
         A file is not there, a name is unknown, or there is no worker.
     """
+    from .fem_pictures import draw
     from .fem_table import as_markdown, demands
 
     started = time.perf_counter()
@@ -187,9 +189,15 @@ def run(options: argparse.Namespace) -> int:
         **runner.collected(cases),
     }
     found["demands"] = demands(found)
-    found["pictures"] = _pictures(found["accuracy"], folder)
+    found["pictures"] = []
     found["seconds"] = time.perf_counter() - started
     write_json(folder / "fem.json", found)
+    if any(not case["error"] for case in found["accuracy"]):
+        try:
+            found["pictures"] = draw(folder, runner.python)
+        except WorkerError as error:
+            runner.screen.line(f"no pictures: {error.line}")
+        write_json(folder / "fem.json", found)
     text = as_markdown(found)
     (folder / "fem.md").write_text(text, encoding="utf-8")
     runner.screen.line(text)
@@ -306,19 +314,6 @@ def _accuracy_cases() -> tuple[str, ...]:
     from .fem_accuracy import CASES
 
     return tuple(CASES)
-
-
-def _pictures(cases: Sequence[Mapping[str, Any]], folder: Path) -> list[str]:
-    """Names of the pictures of accuracy; none where there is nothing to draw them with."""
-    made = [case for case in cases if not case["error"]]
-    if not made:
-        return []
-    from .fem_accuracy import pictures
-
-    try:
-        return list(pictures(made, folder))
-    except ImportError:
-        return []
 
 
 def _chosen(cases: Sequence[Case], only: Sequence[str] | None) -> list[Case]:
