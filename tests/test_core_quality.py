@@ -81,7 +81,9 @@ def test_sections_add_up_to_the_body(name):
     half = 0.5 * (high - low)
     shell, inside = half * weight @ shell_area, half * weight @ core_area
     assert shell == pytest.approx(volume.shell.volume(), rel=0.01)
-    assert shell + inside == pytest.approx(exact_volume(name), rel=0.02)
+    # the core is cut as flat pieces between the nodes of its curved tets
+    assert inside == pytest.approx(volume.fem.core_volume, rel=0.05)
+    assert shell + inside == pytest.approx(exact_volume(name), rel=0.05)
     # one layer alone
     outer = cells.of_layers(0, 0)
     cut, _ = cells.section(outer, normal, 0.5 * (low + high))
