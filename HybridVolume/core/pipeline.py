@@ -26,6 +26,7 @@ from .midstructure import Midstructure, Search, find_midstructure
 from .paper import WHY, check_wishes, paper_field, paper_shell
 from .reached import expected_figures, isosurface_figures, layer_heights, reached_figures
 from .refinement import divide_faces, flatten_spans
+from .sizes import wanted_lines
 from .surface import PatchSurface
 
 logger = logging.getLogger(__name__)
@@ -241,6 +242,7 @@ def complete(
     spacing = Spacing.parse(options.spacing)
     stage = midstructure_stage(surface, options, report, own)
     body = stage.surface
+    wanted_lines(body, options.density)  # too many nodes are refused before the long work
     field = field_stage(stage, options, report)
     if observe:
         observe("field", field)
