@@ -69,6 +69,7 @@ RUNS = (
             "test_core_surface*.py",
             "test_core_validity*.py",
         ),
+        beside=True,
     ),
     Run(
         "free-only",
@@ -78,6 +79,7 @@ RUNS = (
             f"test_core_{name}*.py" for name in ("tetmesh", "midstructure", "interior", "free")
         ),
         variables={"HYBRIDVOLUME_FREE_ONLY": "1"},
+        beside=True,
     ),
     Run("freecad", "inside FreeCAD's Python", DISTRIBUTION, files=("test_freecad_*.py",)),
     Run("gui", "FreeCAD's window under Xvfb", DISTRIBUTION, files=("test_gui_*.py",)),
