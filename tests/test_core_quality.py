@@ -9,8 +9,10 @@ import pytest
 from shells import exact_volume, make_volume
 
 from HybridVolume.core.cells import CoreCells, shell_cells
+from HybridVolume.core.density import Density
 from HybridVolume.core.quality import element_quality
 from HybridVolume.core.reached import inner_figures
+from HybridVolume.core.remesh import remesh
 from HybridVolume.core.section import cut_tets, cut_triangles, heights
 from HybridVolume.core.validity import certify
 
@@ -64,7 +66,8 @@ def test_nothing_is_cut_beside():
 @pytest.mark.parametrize("name", ["box", "torus"])
 def test_sections_add_up_to_the_body(name):
     """Gauss points along an oblique direction: areas of sections integrate to the volumes."""
-    volume = make_volume(name)
+    # of the coarsest core the curved tets are straightened by more than this test allows
+    volume = remesh(make_volume(name), Density(subdivide=2))
     cells = shell_cells(volume.shell)
     core = CoreCells(volume.fem.nodes, volume.fem.tets, volume.fem.interface)
     normal = np.array([2.0, -1.0, 2.0]) / 3.0
@@ -81,9 +84,8 @@ def test_sections_add_up_to_the_body(name):
     half = 0.5 * (high - low)
     shell, inside = half * weight @ shell_area, half * weight @ core_area
     assert shell == pytest.approx(volume.shell.volume(), rel=0.01)
-    # the core is cut as flat pieces between the nodes of its curved tets
-    assert inside == pytest.approx(volume.fem.core_volume, rel=0.05)
-    assert shell + inside == pytest.approx(exact_volume(name), rel=0.05)
+    assert inside == pytest.approx(volume.fem.core_volume, rel=0.02)
+    assert shell + inside == pytest.approx(exact_volume(name), rel=0.02)
     # one layer alone
     outer = cells.of_layers(0, 0)
     cut, _ = cells.section(outer, normal, 0.5 * (low + high))
