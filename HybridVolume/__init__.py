@@ -34,6 +34,7 @@ _FUNCTIONS = {
     "edit_midstructure": "scripting",
     "edit_volume": "scripting",
     "export_mesh": "scripting_fem",
+    "export_step": "scripting_fem",
     "find_midstructure": "scripting",
     "make_analysis": "scripting_fem",
     "medial_axis": "scripting",

@@ -23,6 +23,7 @@ from HybridVolume.job import (
     EXPORTS,
     MESH_EXPORTS,
     REPORT_FILE,
+    SURFACE_EXPORTS,
     Job,
     Progress,
     exit_code,
@@ -370,7 +371,9 @@ class _Writer:
         return True
 
     def _complete(self, body: Any) -> dict[str, Any]:
+        from HybridVolume.core.assembly import build_surface
         from HybridVolume.exports.mesh_file import write_mesh
+        from HybridVolume.exports.step import write_solid
         from HybridVolume.objects import document, own_geometry, volume
 
         alone = self._bodies == 1
@@ -424,9 +427,12 @@ class _Writer:
                 for file in job.exported_files(export):
                     file.rename(self._output.files / file.name)
             for name in dict.fromkeys(self._options.export):
-                file = MESH_EXPORTS[name].format(body.name)
+                file = {**MESH_EXPORTS, **SURFACE_EXPORTS}[name].format(body.name)
                 self._screen.progress(body.name, Progress("exports", 0.97, f"writing {file}"))
-                write_mesh(self._output.files / file, result.fem)
+                if name in SURFACE_EXPORTS:
+                    write_solid(self._output.files / file, build_surface(list(body.faces)))
+                else:
+                    write_mesh(self._output.files / file, result.fem)
         self._prepared.append(prepared)
         self._document_seconds += time.perf_counter() - started
         return prepared.report

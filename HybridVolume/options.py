@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 import HybridVolume
 from HybridVolume.errors import InputError
-from HybridVolume.job import ELEMENTS, MESH_EXPORTS
+from HybridVolume.job import ELEMENTS, MESH_EXPORTS, SURFACE_EXPORTS
 
 GEOMETRY_SUFFIXES = (".step", ".stp", ".brep", ".brp")
 
@@ -143,10 +143,11 @@ def _face_size(text: str) -> str:
 
 def _formats(text: str) -> list[str]:
     names = [name.strip().lower() for name in text.split(",")]
+    known = (*MESH_EXPORTS, *SURFACE_EXPORTS)
     for name in names:
-        if name not in MESH_EXPORTS:
+        if name not in known:
             raise argparse.ArgumentTypeError(
-                f"{name!r} is no format; choose some of {', '.join(MESH_EXPORTS)}"
+                f"{name!r} is no format; choose some of {', '.join(known)}"
             )
     return names
 
@@ -444,6 +445,6 @@ def _add_mesh(p: Parser) -> None:
         action="extend",
         default=[],
         metavar="LIST",
-        help="further files of the mesh, of unv, med, msh (Gmsh 4.1) and vtu (NAME_fem.vtu), e.g. "
-        "unv,msh",
+        help="further files: of the mesh unv, med, msh (Gmsh 4.1) and vtu (NAME_fem.vtu), of the "
+        "body's surface step (NAME_surface.step), e.g. unv,msh,step",
     )

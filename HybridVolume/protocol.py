@@ -44,6 +44,8 @@ EXPORTS = ("vtu", "inp", "png")
 MESH_EXPORTS = {"unv": "{}.unv", "med": "{}.med", "msh": "{}.msh", "vtu": "{}_fem.vtu"}
 """Further files of the finite element mesh, by the words of ``--export``. FreeCAD's side writes
 them: not all wheels of the worker can."""
+SURFACE_EXPORTS = {"step": "{}_surface.step"}
+"""Files of the surface itself, by the words of ``--export``: the faces of the body, untrimmed."""
 PICTURES = (
     *("field", "columns", "shell", "level", "thickness", "histogram", "worst"),
     "fem_histogram",

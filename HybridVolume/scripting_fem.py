@@ -126,6 +126,42 @@ def export_mesh(volume_or_object: Any, path: str | os.PathLike) -> None:
     write_mesh(path, mesh)
 
 
+def export_step(body: Any, path: str | os.PathLike) -> None:
+    """Write the surface of a body as one solid of untrimmed B-spline faces.
+
+    So that a body that came from a mesh can be opened by any CAD program.
+
+    Parameters
+    ----------
+    body : Body, HybridVolume, Part.Shape, App.DocumentObject, PatchSurface or faces
+        As for :func:`HybridVolume.complete`; of a hybrid volume, the surface that it keeps.
+    path : path
+        ``.step``, ``.stp``, ``.brep`` or ``.brp``; mm.
+
+    Raises
+    ------
+    InputError
+        It is another kind of file, or the body is refused.
+    FaultError
+        OCC did not write the file, or not a closed solid of the body's volume.
+    OSError
+        The place cannot be written.
+    """
+    from HybridVolume.freecad_python import import_freecad
+
+    import_freecad()
+    from HybridVolume.core.assembly import build_surface
+    from HybridVolume.core.hybrid import HybridVolume
+    from HybridVolume.core.surface import PatchSurface
+    from HybridVolume.exports.step import write_solid
+    from HybridVolume.scripting import faces_of
+
+    if isinstance(body, HybridVolume):
+        body = body.surface
+    surface = body if isinstance(body, PatchSurface) else build_surface(list(faces_of(body)))
+    write_solid(path, surface)
+
+
 def make_analysis(obj: Any, materials_apart: bool = False) -> Any:
     """Make an analysis of the FEM workbench on a hybrid volume; loads and supports are left to do.
 

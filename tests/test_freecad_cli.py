@@ -154,12 +154,13 @@ def test_several_bodies_one_refused(place, python):
     bodies = [box(), Part.makeCylinder(0.5, 1, FreeCAD.Vector(6, 0, 0))]
     write_step(Part.makeCompound(bodies), place / "two.step")
     decisions = ("--keep-sheet", "Face5+Face4", "--remove-sheet", "Face1+Face3")
-    mesh = ("--order", "1", "--fem-layers", "3", "--layer-growth", "2", "--export", "msh,vtu")
+    mesh = ("--order", "1", "--fem-layers", "3", "--layer-growth", "2", "--export", "msh,vtu,step")
     answer = run(place, "two.step", "--layers", "1", *mesh, *decisions)
     assert answer.returncode == 2
     (line,) = answer.stderr.splitlines()
     assert line.startswith("error: two_2: Face") and "seam" in line
-    names = [f"two_1.{export}" for export in ("inp", "msh", "png", "vtu")] + ["two_1_fem.vtu"]
+    names = [f"two_1.{export}" for export in ("inp", "msh", "png", "vtu")]
+    names += ["two_1_fem.vtu", "two_1_surface.step"]
     assert tree(place / "two") == sorted([*names, "report.json", "two.FCStd"])
     found = json.loads((place / "two" / "report.json").read_text())
     (one,) = found["volumes"]
@@ -167,6 +168,9 @@ def test_several_bodies_one_refused(place, python):
     density = one["fem"]["density"]
     assert one["fem"]["layers"] == density["layers"] == 3 and density["growth"] == 2.0
     assert (place / "two" / "two_1.msh").read_bytes()[:15] == b"$MeshFormat\n4.1"
+    surface = Part.Shape()
+    surface.read(str(place / "two" / "two_1_surface.step"))
+    assert len(surface.Solids) == 1 and surface.Volume == pytest.approx(6.0, rel=1e-9)
     (refused,) = found["refused"]
     assert refused["name"] == "two_2" and refused["code"] == "seam"
     # the sheet in the middle, (3 - 1) (2 - 1), and the thick part of one of an edge of length 3,

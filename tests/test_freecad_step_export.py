@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+import HybridVolume
 from HybridVolume.core.assembly import build_surface
 from HybridVolume.core.catmull_clark import catmull_clark
 from HybridVolume.core.polygon_repair import mended
@@ -75,6 +76,17 @@ def test_bodies_are_written_with_faces_that_look_outward(name, tmp_path):
         point, normal = surface.value(u, v), surface.normal(u, v)
         assert not solid.isInside(point + normal * step, 1e-9, False)
         assert solid.isInside(point - normal * step, 1e-9, False)
+
+
+def test_macros_write_a_mesh_as_step(tmp_path):
+    lines = [f"v {x} {y} {z}" for x, y, z in CUBE]
+    lines += ["f " + " ".join(str(k + 1) for k in quad) for quad in QUADS]
+    (tmp_path / "box.obj").write_text("\n".join(lines))
+    (body,) = HybridVolume.read_mesh(tmp_path / "box.obj", "bilinear")
+    HybridVolume.export_step(body, tmp_path / "box.step")
+    (again,) = HybridVolume.read_step(tmp_path / "box.step")
+    assert again.shape.Volume == pytest.approx(6.0, rel=1e-12)
+    assert len(again.faces) == 6
 
 
 def test_other_files_are_refused(tmp_path):
