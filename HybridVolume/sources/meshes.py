@@ -97,19 +97,54 @@ def read_mesh(path: str | os.PathLike, surfacing: Surfacing | None = None) -> li
     surfacing = surfacing or Surfacing()
     path = Path(path)
     mesh = read_polygons(path)
-    scheme = surfacing.scheme
-    if scheme == "auto":
-        curved = len(mesh.creases) or (mesh.sizes != 4).any()
-        scheme = "catmull-clark" if curved else "bilinear"
+    scheme = chosen_scheme(mesh, surfacing)
+    parts = named_bodies(mesh, scheme, path.stem)
+    return [surfaced(part, name, replace(surfacing, scheme=scheme)) for name, part in parts.items()]
+
+
+def chosen_scheme(mesh: PolygonMesh, surfacing: Surfacing) -> str:
+    """The scheme that is meant: for "auto" the one that the mesh asks for."""
+    if surfacing.scheme != "auto":
+        return surfacing.scheme
+    curved = len(mesh.creases) or (mesh.sizes != 4).any()
+    return "catmull-clark" if curved else "bilinear"
+
+
+def named_bodies(mesh: PolygonMesh, scheme: str, stem: str) -> dict[str, PolygonMesh]:
+    """Closed bodies of a mesh as a file has it, by their names: the stem, numbered where several.
+
+    Parameters
+    ----------
+    mesh : PolygonMesh
+    scheme : {"bilinear", "catmull-clark", "smooth"}
+    stem : str
+
+    Raises
+    ------
+    InputError
+        One of its kinds: the mesh is not closed, or cannot be mended.
+    """
     cage = scheme != "bilinear"
     found = bodies(mended(mesh, cage=cage), cage=cage)
-    names = [path.stem] if len(found) == 1 else [f"{path.stem}_{k + 1}" for k in range(len(found))]
-    return [
-        _surfaced(part, name, scheme, surfacing) for part, name in zip(found, names, strict=True)
-    ]
+    names = [stem] if len(found) == 1 else [f"{stem}_{k + 1}" for k in range(len(found))]
+    return dict(zip(names, found, strict=True))
 
 
-def _surfaced(mesh: PolygonMesh, name: str, scheme: str, surfacing: Surfacing) -> Body:
+def surfaced(mesh: PolygonMesh, name: str, surfacing: Surfacing) -> Body:
+    """One body of `named_bodies` by a scheme.
+
+    Parameters
+    ----------
+    mesh : PolygonMesh
+    name : str
+    surfacing : Surfacing
+
+    Raises
+    ------
+    InputError
+        The scheme does not take its faces, or its patches make no solid.
+    """
+    scheme = chosen_scheme(mesh, surfacing)
     figures: dict[str, Any] = {"scheme": scheme}
     faces: list[SplineFace]
     if scheme == "bilinear":
@@ -156,18 +191,22 @@ def _steps(surfacing: Surfacing, default: int) -> int:
     return default if surfacing.steps is None else surfacing.steps
 
 
-def _creased(mesh: PolygonMesh, angle: float) -> PolygonMesh:
-    """The cage with edges that are sharper than an angle as creases too."""
-    if not angle:
-        return mesh
+def edge_turns(mesh: PolygonMesh) -> tuple[np.ndarray, np.ndarray]:
+    """Ends (e, 2) of the edges of a mended mesh, and by how much its faces turn there, degrees."""
     ends, edge = mesh.edges
     order = np.argsort(edge, kind="stable").reshape(-1, 2)
     normal = mesh.area_vectors()
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     one, other = (normal[mesh.face_of[order[:, k]]] for k in (0, 1))
-    turn = np.degrees(
-        np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), (one * other).sum(axis=1))
-    )
+    turn = np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), (one * other).sum(axis=1))
+    return ends, np.degrees(turn)
+
+
+def _creased(mesh: PolygonMesh, angle: float) -> PolygonMesh:
+    """The cage with edges that are sharper than an angle as creases too."""
+    if not angle:
+        return mesh
+    ends, turn = edge_turns(mesh)
     sharp = ends[turn > angle]
     return replace(
         mesh,
