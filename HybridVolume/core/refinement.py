@@ -10,8 +10,9 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from . import bspline
-from .assembly import direction_strips
 from .cones import most_inward
+from .spans import alike
+from .strips import SpanIntervals, Strips, span_intervals, strips
 from .surface import Patch, PatchSurface
 
 logger = logging.getLogger(__name__)
@@ -35,53 +36,127 @@ def insert_knots(surface: PatchSurface, wanted: Callable[[int, int], np.ndarray]
     PatchSurface
         The same surface, point for point; patches that got no knot keep their bits.
     """
-    label, turn, symmetric = direction_strips(surface.neighbour, surface.reversed)
-    asked: list[list[np.ndarray]] = [[] for _ in symmetric]
-    for (k, d), strip in np.ndenumerate(label):
+    found = strips(surface)
+    asked: list[list[np.ndarray]] = [[] for _ in range(len(found))]
+    for (k, d), strip in np.ndenumerate(found.number):
         knots = np.asarray(wanted(k, d), dtype=float)
         if len(knots):
-            knots = 1.0 - knots if turn[k, d] else knots
-            asked[strip] += [knots, 1.0 - knots] if symmetric[strip] else [knots]
-    points: list[np.ndarray] = []
-    patches: list[Patch] = []
-    touched = np.zeros(len(surface.patches), dtype=bool)
-    for k, patch in enumerate(surface.patches):
-        homogeneous = np.concatenate(
-            [
-                surface.control_points[patch.index] * patch.weights[..., None],
-                patch.weights[..., None],
-            ],
-            axis=-1,
-        )
-        knots = list(patch.knots)
-        for d in range(2):
-            new = asked[label[k, d]]
-            if not new:
-                continue
-            values = np.unique(np.concatenate(new).round(12))
-            values = 1.0 - values if turn[k, d] else values
-            known = np.unique(knots[d])
-            far = np.abs(values[:, None] - known).min(axis=1) > bspline.KNOT_TOLERANCE
-            finer = np.sort(np.concatenate([knots[d], values[far]]))
-            matrix = bspline.insertion_matrix(patch.degrees[d], knots[d], finer)
-            homogeneous = np.moveaxis(np.tensordot(matrix, homogeneous, ([1], [d])), 0, d)
-            knots[d] = finer
-            touched[k] = True
-        weights = homogeneous[..., 3] if touched[k] else patch.weights
-        points.append(
-            homogeneous[..., :3] / homogeneous[..., 3:]
-            if touched[k]
-            else surface.control_points[patch.index]
-        )
-        patches.append(Patch(patch.face, patch.degrees, tuple(knots), patch.index, weights))
+            knots = 1.0 - knots if found.turned[k, d] else knots
+            asked[strip] += [knots, 1.0 - knots] if found.twisted[strip] else [knots]
+    return _insert(surface, found, [np.concatenate(a) if a else np.zeros(0) for a in asked])
+
+
+def cut_spans(
+    surface: PatchSurface, parts: np.ndarray, intervals: SpanIntervals | None = None
+) -> PatchSurface:
+    """Cut knot spans into equal parts, and those beside them along the strips.
+
+    Parameters
+    ----------
+    surface : PatchSurface
+    parts : (ne, 2) or (ni,) int array
+        Parts of each span along u and along v, or of each interval.
+    intervals : SpanIntervals, optional
+        Those of the surface.
+
+    Returns
+    -------
+    PatchSurface
+        The same surface, point for point; patches that got no knot keep their bits.
+    """
+    intervals = intervals or span_intervals(surface)
+    parts = np.asarray(parts)
+    if parts.ndim == 2:
+        parts = intervals.largest(parts)
+    parts = parts.astype(int)
+    if parts.max(initial=1) <= 1:
+        return surface
+    found = intervals.strips
+    # a patch of each strip, whose knots are those of all of them
+    _, member = np.unique(found.number, return_index=True)
+    asked = []
+    for strip, where in enumerate(member.tolist()):
+        count = parts[intervals.first[strip] : intervals.first[strip + 1]]
+        if (count <= 1).all():
+            asked.append(np.zeros(0))
+            continue
+        k, d = divmod(where, 2)
+        values = bspline.breakpoints(surface.patches[k].knots[d])
+        values = 1.0 - values[::-1] if found.turned[k, d] else values
+        number = np.repeat(np.arange(len(count)), count - 1)
+        before = np.cumsum(count - 1) - (count - 1)
+        share = np.arange(1, len(number) + 1) - before[number]
+        asked.append(values[number] + np.diff(values)[number] * share / count[number])
+    return _insert(surface, found, asked)
+
+
+def _insert(surface: PatchSurface, found: Strips, asked: list[np.ndarray]) -> PatchSurface:
+    """Insert the knots that strips ask for; patches with the same knots are done together."""
+    values = [np.unique(new.round(12)) for new in asked]
+    plenty = np.array([len(new) for new in values])
+    touched = (plenty[found.number] > 0).any(axis=1)
     if not touched.any():
         return surface
+    # a name for each set of values: strips of quads all ask for the same
+    names: dict[bytes, int] = {}
+    name = np.array([names.setdefault(new.tobytes(), len(names)) for new in values])
+    sets = [np.frombuffer(new) for new in names]
+    # patches of a degree and knots that ask for the same have the same finer knots
+    kind = np.empty(len(surface.patches), dtype=int)
+    for number, members in enumerate(alike(surface.patches)):
+        kind[members] = number
+    key = np.column_stack([kind, name[found.number], found.turned])
+    distinct, group_of = np.unique(key, axis=0, return_inverse=True)
+    patches = list(surface.patches)
+    points: list[np.ndarray] = [np.zeros(0)] * len(patches)
+    for group, (_, *new, turn_u, turn_v) in enumerate(distinct.tolist()):
+        members = np.flatnonzero(group_of.ravel() == group)
+        model = surface.patches[members[0]]
+        if not touched[members[0]]:
+            for k in members:
+                points[k] = surface.control_points[patches[k].index]
+            continue
+        knots = list(model.knots)
+        matrix: list[np.ndarray | None] = [None, None]
+        for d, turned in enumerate((turn_u, turn_v)):
+            inner = 1.0 - sets[new[d]] if turned else sets[new[d]]
+            known = np.unique(knots[d])
+            far = np.abs(inner[:, None] - known).min(axis=1) > bspline.KNOT_TOLERANCE
+            if far.any():
+                finer = np.sort(np.concatenate([knots[d], inner[far]]))
+                matrix[d] = bspline.insertion_matrix(model.degrees[d], knots[d], finer)
+                knots[d] = finer
+        weights = np.stack([patches[k].weights for k in members])[..., None]
+        index = np.stack([patches[k].index for k in members])
+        even = np.ptp(weights, axis=(1, 2)).ravel() == 0.0
+        homogeneous = np.concatenate([surface.control_points[index] * weights, weights], axis=-1)
+        for d, one in enumerate(matrix):
+            if one is not None:
+                homogeneous = np.moveaxis(np.tensordot(one, homogeneous, ([1], [d + 1])), 0, d + 1)
+        new_weights = homogeneous[..., 3]
+        # polynomial patches stay so: sums of equal weights may miss them by a rounding
+        new_weights[even] = weights[even, :1, :1, 0]
+        x = homogeneous[..., :3] / new_weights[..., None]
+        for row, k in enumerate(members.tolist()):
+            patch = patches[k]
+            points[k] = x[row]
+            patches[k] = Patch(
+                patch.face, patch.degrees, tuple(knots), patch.index, new_weights[row]
+            )
+    return _welded(surface, patches, points, touched)
+
+
+def _welded(
+    surface: PatchSurface, patches: list[Patch], points: list[np.ndarray], touched: np.ndarray
+) -> PatchSurface:
+    """A surface of finer patches, whose points on shared sides are one."""
     grids, count = surface.shared_grid([p.weights.shape for p in patches])
     control_points, weights = np.zeros((count, 3)), np.ones(count)
-    # the lowest untouched patch gives a shared point its bits, else the lowest one
-    for k in sorted(range(len(patches)), key=lambda k: (not touched[k], k), reverse=True):
-        control_points[grids[k]] = points[k]
-        weights[grids[k]] = patches[k].weights
+    # the lowest untouched patch gives a shared point its bits, else the lowest one: it comes last
+    order = np.lexsort((np.arange(len(patches)), touched))[::-1]
+    place = np.concatenate([grids[k].ravel() for k in order])
+    control_points[place] = np.concatenate([points[k].reshape(-1, 3) for k in order])
+    weights[place] = np.concatenate([patches[k].weights.ravel() for k in order])
     patches = [
         Patch(p.face, p.degrees, p.knots, grid, weights[grid])
         for p, grid in zip(patches, grids, strict=True)
@@ -100,13 +175,7 @@ def insert_knots(surface: PatchSurface, wanted: Callable[[int, int], np.ndarray]
 
 def split_spans(surface: PatchSurface, parts: int = 2) -> PatchSurface:
     """Cut every knot span into equal parts in both directions."""
-    share = np.arange(1, parts) / parts
-
-    def wanted(k: int, d: int) -> np.ndarray:
-        values = bspline.breakpoints(surface.patches[k].knots[d])
-        return (values[:-1, None] + np.diff(values)[:, None] * share).ravel()
-
-    return insert_knots(surface, wanted)
+    return cut_spans(surface, np.full((surface.element_count, 2), parts))
 
 
 def divide_faces(surface: PatchSurface, faces: Iterable[str], spans: int = 4) -> PatchSurface:
@@ -126,16 +195,12 @@ def divide_faces(surface: PatchSurface, faces: Iterable[str], spans: int = 4) ->
     chosen = np.array([patch.face in named for patch in surface.patches], dtype=bool)
     beside = surface.neighbour[chosen, :, 0]
     chosen[beside[beside >= 0]] = True
-
-    def wanted(k: int, d: int) -> np.ndarray:
-        values = bspline.breakpoints(surface.patches[k].knots[d])
-        parts = -(-spans // (len(values) - 1))
-        if not chosen[k] or parts == 1:
-            return np.zeros(0)
-        share = np.arange(1, parts) / parts
-        return (values[:-1, None] + np.diff(values)[:, None] * share).ravel()
-
-    return insert_knots(surface, wanted)
+    if not chosen.any():
+        return surface
+    intervals = span_intervals(surface)
+    there = np.diff(intervals.first)[intervals.strips.number]
+    parts = np.where(chosen[:, None], -(-spans // there), 1)
+    return cut_spans(surface, parts[surface.element_patch], intervals)
 
 
 def flatten_spans(surface: PatchSurface, rounds: int = 4) -> PatchSurface:
@@ -177,14 +242,8 @@ def flatten_spans(surface: PatchSurface, rounds: int = 4) -> PatchSurface:
         angle = [np.arccos(np.clip(c, -1.0, 1.0)) for c in along]
         turn = np.stack([angle[0].sum(axis=1).max(axis=1), angle[1].sum(axis=2).max(axis=1)])
         chosen = steep & (turn >= 0.5 * turn.max(axis=0))
-        new: dict[tuple[int, int], list[float]] = {}
-        for group in surface.groups:
-            middle = 0.5 * (group.low + group.high)
-            for d in range(2):
-                for row in np.flatnonzero(chosen[d][group.element]):
-                    new.setdefault((group.patch[row], d), []).append(middle[row, d])
         before = surface.element_count
-        surface = insert_knots(surface, lambda k, d, new=new: np.unique(new.get((k, d), [])))
+        surface = cut_spans(surface, 1 + chosen.T)
         logger.info(
             "knot spans halved where normals turn: %d, were %d", surface.element_count, before
         )

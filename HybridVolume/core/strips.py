@@ -171,6 +171,70 @@ def base_lines(surface: PatchSurface, nodes: str) -> GridLines:
     return replace(found, places=places)
 
 
+@dataclass(frozen=True, eq=False)
+class SpanIntervals:
+    """Intervals between knot lines that run through strips of patches, and the spans in them.
+
+    Attributes
+    ----------
+    strips : Strips
+    of_span : (ne, 2) int array
+        Interval of each knot span along u and along v.
+    first : (ns + 1,) int array
+        First interval of each strip.
+    twin : (ni,) int array
+        The interval that is cut alike: of a strip that comes back turned round the one at the
+        other end, else itself.
+    """
+
+    strips: Strips
+    of_span: np.ndarray
+    first: np.ndarray
+    twin: np.ndarray
+
+    @property
+    def count(self) -> int:
+        """Number of intervals."""
+        return int(self.first[-1])
+
+    def largest(self, values: np.ndarray) -> np.ndarray:
+        """Largest value (ni,) of the spans in each interval, from (ne, 2) values."""
+        found = np.full(self.count, -np.inf)
+        np.maximum.at(found, self.of_span.ravel(), np.asarray(values, dtype=float).ravel())
+        return np.maximum(found, found[self.twin])
+
+    def mean(self, values: np.ndarray) -> np.ndarray:
+        """Mean value (ni,) of the spans in each interval, from (ne, 2) values."""
+        number = self.of_span.ravel()
+        spans = np.bincount(number, minlength=self.count)
+        total = np.bincount(number, np.asarray(values, dtype=float).ravel(), self.count)
+        return (total + total[self.twin]) / np.maximum(spans + spans[self.twin], 1)
+
+
+def span_intervals(surface: PatchSurface) -> SpanIntervals:
+    """The intervals of a surface's strips."""
+    found = strips(surface)
+    patch = surface.element_patch
+    low = np.empty((len(patch), 2))
+    for group in surface.groups:
+        low[group.element] = group.low
+    # spans are numbered patch by patch, along v first
+    many = np.stack(
+        [np.bincount(patch[low[:, 1 - d] == 0.0], minlength=len(surface.patches)) for d in (0, 1)],
+        axis=1,
+    )
+    start = np.concatenate([[0], np.cumsum(many.prod(axis=1))[:-1]])
+    place = np.stack(np.divmod(np.arange(len(patch)) - start[patch], many[patch, 1]), axis=1)
+    place = np.where(found.turned[patch], many[patch] - 1 - place, place)
+    length = np.zeros(len(found), dtype=int)
+    length[found.number] = many
+    first = np.concatenate([[0], np.cumsum(length)])
+    strip = np.repeat(np.arange(len(found)), length)
+    own = np.arange(first[-1])
+    twin = np.where(found.twisted[strip], first[strip] + first[strip + 1] - 1 - own, own)
+    return SpanIntervals(found, first[found.number[patch]] + place, first, twin)
+
+
 def _cut(places: np.ndarray, parts: np.ndarray) -> np.ndarray:
     """Places with each interval cut into so many equal parts."""
     if (parts == 1).all():
