@@ -13,31 +13,59 @@ from HybridVolume.core.surface import SplineFace
 
 
 def write_surface(path: Path, faces: Sequence[SplineFace]) -> None:
-    """Write faces as plain arrays (no pickles) for the worker."""
-    arrays: dict[str, np.ndarray] = {"names": np.array([face.name for face in faces], dtype=str)}
-    arrays["exact"] = np.array([face.exact for face in faces], dtype=bool)
-    arrays["degrees"] = np.array([face.degrees for face in faces], dtype=np.int64)
-    for number, face in enumerate(faces):
-        arrays[f"knots_u_{number}"], arrays[f"knots_v_{number}"] = map(np.asarray, face.knots)
-        arrays[f"control_points_{number}"] = np.asarray(face.control_points, dtype=float)
-        arrays[f"weights_{number}"] = np.asarray(face.weights, dtype=float)
-    np.savez(path, **arrays)
+    """Write faces as plain arrays (no pickles) for the worker.
+
+    The faces' knots, points and weights stand one behind the other: a member of an archive costs
+    more than what is in it, and there may be thousands of faces.
+    """
+    knots = {
+        f"knots_{name}": [np.asarray(face.knots[axis], dtype=float) for face in faces]
+        for axis, name in enumerate("uv")
+    }
+    points = [np.asarray(face.control_points, dtype=float) for face in faces]
+    np.savez(
+        path,
+        names=np.array([face.name for face in faces], dtype=str),
+        exact=np.array([face.exact for face in faces], dtype=bool),
+        degrees=np.array([face.degrees for face in faces], dtype=np.int64).reshape(-1, 2),
+        shapes=np.array([net.shape[:2] for net in points], dtype=np.int64).reshape(-1, 2),
+        control_points=_joined([net.reshape(-1, 3) for net in points], (0, 3)),
+        weights=_joined([np.asarray(face.weights, dtype=float).ravel() for face in faces], (0,)),
+        **{name: _joined(lines, (0,)) for name, lines in knots.items()},
+        **{f"{name}_sizes": np.array(list(map(len, k)), int) for name, k in knots.items()},
+    )
 
 
 def read_surface(path: Path) -> list[SplineFace]:
     """Read what :func:`write_surface` wrote, bit for bit."""
     with np.load(path, allow_pickle=False) as data:
-        return [
-            SplineFace(
-                name=str(name),
-                degrees=tuple(int(p) for p in data["degrees"][number]),
-                knots=(data[f"knots_u_{number}"], data[f"knots_v_{number}"]),
-                control_points=data[f"control_points_{number}"],
-                weights=data[f"weights_{number}"],
-                exact=bool(data["exact"][number]),
-            )
-            for number, name in enumerate(data["names"])
-        ]
+        shapes = data["shapes"]
+        knots = [_parted(data[f"knots_{name}"], data[f"knots_{name}_sizes"]) for name in "uv"]
+        points = _parted(data["control_points"], shapes.prod(axis=1))
+        weights = _parted(data["weights"], shapes.prod(axis=1))
+        names, degrees, exact = (data[name].tolist() for name in ("names", "degrees", "exact"))
+    return [
+        SplineFace(
+            name=names[number],
+            degrees=tuple(degrees[number]),
+            knots=(knots[0][number], knots[1][number]),
+            control_points=points[number].reshape(*shape, 3),
+            weights=weights[number].reshape(shape),
+            exact=exact[number],
+        )
+        for number, shape in enumerate(shapes.tolist())
+    ]
+
+
+def _joined(parts: Sequence[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
+    return np.concatenate(parts) if parts else np.zeros(shape)
+
+
+def _parted(values: np.ndarray, sizes: np.ndarray) -> list[np.ndarray]:
+    """Parts of the given sizes, each an array of its own."""
+    ends = np.cumsum(sizes).tolist()
+    starts = [0, *ends]
+    return [values[a:b].copy() for a, b in zip(starts, ends, strict=False)]
 
 
 def write_own(path: Path, vertices: np.ndarray, facets: np.ndarray) -> None:
