@@ -62,6 +62,23 @@ def cylinder_quads():
     return mended(PolygonMesh.of(np.concatenate(x), faces))
 
 
+def caps_of_four():
+    """A cylinder whose caps are four quads each: four corners of each cap lie on its rim."""
+    angle = 2.0 * np.pi * np.arange(8) / 8
+    ring = np.column_stack([np.cos(angle), np.sin(angle)])
+    x = [np.column_stack([ring, np.full(8, 2.0 * i / 3)]) for i in range(4)]
+    x.append(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]]))
+    faces = []
+    for i in range(3):
+        for k in range(8):
+            a, b = 8 * i + k, 8 * i + (k + 1) % 8
+            faces.append([a, b, b + 8, a + 8])
+    for k in range(0, 8, 2):
+        faces.append([32, (k + 2) % 8, k + 1, k])
+        faces.append([33, 24 + k, 25 + k, 24 + (k + 2) % 8])
+    return mended(PolygonMesh.of(np.concatenate(x), faces))
+
+
 @pytest.fixture(scope="module")
 def goal():
     return cylinder_triangles()
@@ -89,6 +106,30 @@ def test_a_cylinder(goal):
     angle = np.linspace(0.0, 2.0 * np.pi, 200)
     rim = np.column_stack([np.cos(angle), np.sin(angle), np.full(200, 2.0)])
     assert SurfaceDistance(found.surface)(rim).max() < 0.005
+
+
+def corner_angles(surface):
+    """Angles between the sides at the corners of all patches, degrees."""
+    angles = []
+    for k, patch in enumerate(surface.patches):
+        u, v = (np.array([t[0], t[-1]]) for t in patch.knots)
+        u, v = (a.ravel() for a in np.meshgrid(u, v, indexing="ij"))
+        _, a, b = surface.evaluate_at(np.full(4, k), u, v, 1)
+        a, b = a * [[1], [1], [-1], [-1]], b * [[1], [-1], [1], [-1]]
+        cosine = (a * b).sum(axis=1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
+        angles.append(np.degrees(np.arccos(cosine)))
+    return np.concatenate(angles)
+
+
+@pytest.mark.parametrize(("tolerance", "patches", "widest"), [(0.05, 6, 160), (0.004, 14, 135)])
+def test_corners_on_a_smooth_rim_are_opened_or_moved_inside(goal, tolerance, patches, widest):
+    found = fit(caps_of_four(), goal, tolerance)
+    assert len(found.faces) == patches
+    assert found.distance <= tolerance
+    angles = corner_angles(found.surface)
+    assert angles.max() < widest
+    assert angles.min() > 45.0
+    assert found.surface.volume() == pytest.approx(2.0 * np.pi, rel=5e-3)
 
 
 def test_another_frame_does_not_matter(goal):

@@ -15,15 +15,20 @@ from ..check import check_surface
 from ..midstructure.distances import SurfaceDistance
 from ..polygons import PolygonMesh
 from ..surface import PatchSurface, SplineFace
+from .padding import padded
 from .patches import STIFFNESS, Sampled, fitted, sampled
 from .reference import SHARP, Reference
-from .snap import aligned, snapped
+from .snap import Snapped, aligned, snapped
 
 logger = logging.getLogger(__name__)
 
 TOLERANCE = 0.003
 """Share of the diagonal that is reached where nothing else is asked."""
 ROUNDS = 8
+OPENING = 0.75
+"""Share of the tolerance by which straight corners on features may be moved."""
+WIDEST = 150.0
+"""Degrees above which an opened corner has a ring of quads instead."""
 MOST_SPANS = 4
 """Knot spans of a ring of quads."""
 STIFFEST = 1e-1
@@ -86,7 +91,7 @@ def fit(
     """
     goal = Reference(reference, sharp)
     tolerance = tolerance or TOLERANCE * goal.diagonal
-    made = sampled(snapped(aligned(quads, goal), goal), goal)
+    made = _laid_out(snapped(aligned(quads, goal), goal), goal, OPENING * tolerance)
     spans = np.ones(made.ring_count, dtype=int)
     stiffness = np.full(len(made.layout), STIFFNESS)
     best: Fit | None = None
@@ -127,6 +132,26 @@ def fit(
         figure=best.distance,
         remedy="allow that, or give quads that follow the reference's features",
     )
+
+
+def _laid_out(snap: Snapped, goal: Reference, reach: float) -> Sampled:
+    """Samples of a layout without straight corners, as far as these can be avoided."""
+    made = sampled(snap, goal, reach)
+    wide = np.array([corner.quad for corner in made.opened if corner.after > WIDEST], dtype=int)
+    if len(wide):
+        snap, rings = padded(snap, goal, wide)
+        if rings:
+            logger.info("fit: rings of quads at %d straight corners", len(rings))
+            made = sampled(snap, goal, reach)
+    for corner in made.opened:
+        logger.info(
+            "fit: straight corner at vertex %d opened from %.0f to %.0f degrees by %.3g mm",
+            corner.vertex + 1,
+            corner.before,
+            corner.after,
+            corner.move,
+        )
+    return made
 
 
 def _folds(surface: PatchSurface) -> tuple[np.ndarray, SingularSurfaceError | None]:

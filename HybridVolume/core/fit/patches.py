@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import connected_components
 from .. import bspline
 from ..quad_layout import QuadLayout, quad_layout
 from ..surface import SplineFace
+from .corners import FlatCorner, opened
 from .reference import Reference
 from .snap import Snapped
 
@@ -41,12 +42,15 @@ class Sampled:
         Parameters of the lines of quads, in mm of the rings' widths.
     rings : tuple of ((m,), (n,)) int arrays
         Ring of quads between each line and the next.
+    opened : tuple of FlatCorner
+        Straight corners on features, which are opened.
     """
 
     layout: QuadLayout
     points: tuple[np.ndarray, ...]
     lines: tuple[tuple[np.ndarray, np.ndarray], ...]
     rings: tuple[tuple[np.ndarray, np.ndarray], ...]
+    opened: tuple[FlatCorner, ...] = ()
 
     @property
     def ring_count(self) -> int:
@@ -54,8 +58,16 @@ class Sampled:
         return 1 + max(int(ring.max()) for pair in self.rings for ring in pair)
 
 
-def sampled(snap: Snapped, reference: Reference) -> Sampled:
-    """Sample the reference under a snapped mesh."""
+def sampled(snap: Snapped, reference: Reference, reach: float = 0.0) -> Sampled:
+    """Sample the reference under a snapped mesh.
+
+    Parameters
+    ----------
+    snap : Snapped
+    reference : Reference
+    reach : float
+        Distance by which straight corners on features may be moved, mm.
+    """
     mesh = snap.mesh
     quads, x = mesh.quads, mesh.vertices
     ends, edge = mesh.edges
@@ -75,9 +87,12 @@ def sampled(snap: Snapped, reference: Reference) -> Sampled:
         feature = reference.chains[snap.chain[k]]
         sides[k] = feature.at(snap.length[k, 0] + share * np.diff(snap.length[k]))
     sides[:, 0], sides[:, -1] = a, b
-    inside = _inside(quads, ends, edge.reshape(-1, 4), sides, normals, reference)
-    lines, rings = _widths(layout, quads, edge, sides)
-    return Sampled(layout, _assembled(layout, inside), lines, rings)
+    around = edge.reshape(-1, 4)
+    inside = _inside(quads, ends, around, sides, normals, reference)
+    moved, corners = opened(quads, ends, around, following, sides, reach)
+    inside = inside + _between(quads, ends, around, moved - sides)
+    lines, rings = _widths(layout, quads, edge, moved)
+    return Sampled(layout, _assembled(layout, inside), lines, rings, tuple(corners))
 
 
 def _on(reference: Reference, points: np.ndarray, look: np.ndarray) -> np.ndarray:
@@ -86,15 +101,10 @@ def _on(reference: Reference, points: np.ndarray, look: np.ndarray) -> np.ndarra
     return reference.nearest(points.reshape(-1, 3), look.reshape(-1, 3))[0].reshape(shape)
 
 
-def _inside(
-    quads: np.ndarray,
-    ends: np.ndarray,
-    edge: np.ndarray,
-    sides: np.ndarray,
-    normals: np.ndarray,
-    reference: Reference,
+def _between(
+    quads: np.ndarray, ends: np.ndarray, edge: np.ndarray, sides: np.ndarray
 ) -> np.ndarray:
-    """Samples (nf, k + 1, k + 1, 3) of each quad, u from its first corner to the second."""
+    """Coons' surface (nf, k + 1, k + 1, 3) between the sides of each quad."""
     share = np.arange(SAMPLES + 1) / SAMPLES
     rows = []
     for k in range(4):
@@ -113,6 +123,21 @@ def _inside(
         (-1, -1, u, v),
     ):
         grid = grid - su * sv * (low if j == 0 else high)[:, i][:, None, None]
+    return grid
+
+
+def _inside(
+    quads: np.ndarray,
+    ends: np.ndarray,
+    edge: np.ndarray,
+    sides: np.ndarray,
+    normals: np.ndarray,
+    reference: Reference,
+) -> np.ndarray:
+    """Samples (nf, k + 1, k + 1, 3) of each quad, u from its first corner to the second."""
+    share = np.arange(SAMPLES + 1) / SAMPLES
+    u, v = share[None, :, None, None], share[None, None, :, None]
+    grid = _between(quads, ends, edge, sides)
     corner = normals[quads]
     look = (1 - u) * (1 - v) * corner[:, None, None, 0] + u * (1 - v) * corner[:, None, None, 1]
     look = look + u * v * corner[:, None, None, 2] + (1 - u) * v * corner[:, None, None, 3]
