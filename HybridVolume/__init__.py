@@ -36,6 +36,7 @@ _FUNCTIONS = {
     "export_mesh": "scripting_fem",
     "export_step": "scripting_fem",
     "find_midstructure": "scripting",
+    "import_mesh": "scripting",
     "make_analysis": "scripting_fem",
     "medial_axis": "scripting",
     "read_mesh": "scripting",

@@ -61,6 +61,56 @@ def read_mesh(
     return read_file(path, Surfacing(scheme, steps, sharp_angle))
 
 
+def import_mesh(
+    path: str | os.PathLike,
+    document: Any = None,
+    *,
+    scheme: str = "auto",
+    steps: int | None = None,
+    sharp_angle: float = 0.0,
+) -> list[Any]:
+    """Put the bodies of an OBJ, OFF or PLY file into a document, each with its mesh.
+
+    Parameters
+    ----------
+    path : path
+    document : App.Document, optional
+        By itself the active one, or a new one where there is none.
+    scheme, steps, sharp_angle
+        As for :func:`read_mesh`; they are properties of the objects afterwards, which are
+        recomputed when these change.
+
+    Returns
+    -------
+    list of App.DocumentObject
+        One a body.
+
+    Raises
+    ------
+    InputError
+        As for :func:`read_mesh`; the document is as it was.
+    """
+    from HybridVolume.freecad_python import import_freecad
+
+    freecad = import_freecad()
+    from HybridVolume import mesh_import
+    from HybridVolume.objects import mesh_body
+    from HybridVolume.sources import Surfacing
+
+    # before anything can fail: who is answered by an error need not be asked either
+    mesh_import.withdraw(path)
+    surfacing = Surfacing(scheme, steps, sharp_angle)
+    made_here = document is None and freecad.ActiveDocument is None
+    if document is None:
+        document = freecad.newDocument() if made_here else freecad.ActiveDocument
+    try:
+        return mesh_body.import_mesh(path, document, surfacing)
+    except BaseException:
+        if made_here:
+            freecad.closeDocument(document.Name)
+        raise
+
+
 def read_step(path: str | os.PathLike) -> list[Body]:
     """Read the bodies of a STEP or BREP file.
 

@@ -23,12 +23,13 @@ from .analysis_commands import (
     StressCommand,
 )
 from .export_command import EXPORT, ExportCommand
+from .import_mesh import IMPORT, ImportMeshCommand
 
 CREATE = "HybridVolume_Create"
 QUALITY = "HybridVolume_Quality"
 MESH = "HybridVolume_Mesh"
 CLEAR = "HybridVolume_ClearRed"
-NAMES = [CREATE, QUALITY, CLEAR, MESH, EXPORT, ANALYSIS, SOLVE, STRESS]
+NAMES = [CREATE, QUALITY, CLEAR, MESH, EXPORT, ANALYSIS, SOLVE, STRESS, IMPORT]
 
 
 class CreateCommand:
@@ -387,7 +388,7 @@ _COMMANDS = dict(
         NAMES,
         (
             *(CreateCommand(), QualityCommand(), ClearCommand(), MeshCommand(), ExportCommand()),
-            *(AnalysisCommand(), SolveCommand(), StressCommand()),
+            *(AnalysisCommand(), SolveCommand(), StressCommand(), ImportMeshCommand()),
         ),
         strict=True,
     )

@@ -407,6 +407,11 @@ def attach(obj: Any) -> None:
     if view.Proxy:
         return
     kind = obj.Proxy.Type
+    if kind == "HybridVolume::MeshBody":
+        from .mesh_body_view import MeshBodyView
+
+        MeshBodyView(view)
+        return
     if kind == "HybridVolume::Volume":
         VolumeView(view)
     elif kind == "HybridVolume::Midstructure":

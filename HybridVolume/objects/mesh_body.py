@@ -1,0 +1,263 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""A body that a polygon mesh became, with that mesh: another scheme makes its surface anew."""
+
+from __future__ import annotations
+
+import logging
+import os
+import tempfile
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from HybridVolume.core.polygons import PolygonMesh
+from HybridVolume.errors import FileFormatError, HybridVolumeError, InputError
+from HybridVolume.sources.meshes import (
+    SCHEMES,
+    STEPS,
+    Surfacing,
+    chosen_scheme,
+    edge_turns,
+    named_bodies,
+    surfaced,
+)
+from HybridVolume.sources.polygon_files import read_polygons
+
+from .properties import DocumentObject, Property, include, transaction
+
+if TYPE_CHECKING:
+    from HybridVolume.sources import Body
+
+logger = logging.getLogger(__name__)
+
+AS_NEEDED = -1
+"""Value of ``Steps`` for as many as the scheme needs."""
+UP_TO_DATE = "Up to date"
+FAILED = "Failed: "
+"""How a Status begins that tells why there is no surface of the scheme."""
+
+_MESH = "Mesh"
+_SURFACE = "Surface"
+_ARRAYS = tuple(row.name for row in fields(PolygonMesh) if row.name != "notes")
+
+
+class MeshBody(DocumentObject):
+    """Proxy of a body from a mesh. A recompute makes its surface by the scheme."""
+
+    Type = "HybridVolume::MeshBody"
+    PROPERTIES = {
+        "Scheme": Property(
+            "App::PropertyEnumeration",
+            _MESH,
+            "How the mesh becomes patches: one bilinear patch a quad; the Catmull-Clark surface of "
+            "a cage, with its creases; or smooth bicubic patches without creases.",
+            choices=SCHEMES[1:],
+        ),
+        "Steps": Property(
+            "App::PropertyIntegerConstraint",
+            _MESH,
+            "Subdivisions first; -1: as many as the scheme needs. Bilinear patches have none.",
+            (AS_NEEDED, AS_NEEDED, STEPS[1], 1),
+        ),
+        "SharpAngle": Property(
+            "App::PropertyAngle",
+            _MESH,
+            "Edges of a Catmull-Clark cage whose faces turn by more are creases; 0: only those "
+            "that the file names.",
+            0.0,
+        ),
+        "MeshFile": Property(
+            "App::PropertyString", _MESH, "The file that it was read from.", mode=("ReadOnly",)
+        ),
+        "Cage": Property(
+            "App::PropertyFileIncluded",
+            _MESH,
+            "The mesh itself, as HybridVolume's .npz.",
+            mode=("ReadOnly", "Hidden"),
+        ),
+        "Patches": Property(
+            "App::PropertyInteger", _SURFACE, "Faces of the body.", mode=("ReadOnly",)
+        ),
+        "Quads": Property(
+            "App::PropertyInteger",
+            _SURFACE,
+            "Quads of the mesh that they stand for, after the subdivisions.",
+            mode=("ReadOnly",),
+        ),
+        "LimitDistance": Property(
+            "App::PropertyFloat",
+            _SURFACE,
+            "Largest distance from the limit surface of Catmull-Clark, mm.",
+            mode=("ReadOnly",),
+        ),
+        "NormalJump": Property(
+            "App::PropertyFloat",
+            _SURFACE,
+            "Largest angle between the normals of faces that should meet smoothly, degrees.",
+            mode=("ReadOnly",),
+        ),
+        "Notes": Property(
+            "App::PropertyStringList",
+            _SURFACE,
+            "What was mended in the mesh, and how the faces were made.",
+            mode=("ReadOnly",),
+        ),
+        "Status": Property(
+            "App::PropertyString", "Base", "Up to date, or why not.", mode=("ReadOnly",)
+        ),
+    }
+
+    def execute(self, obj: Any) -> None:
+        """Make the surface by the scheme that the properties name.
+
+        Raises
+        ------
+        HybridVolumeError
+            The scheme does not take the mesh; the shape stays as it was, and ``Status`` says why.
+        """
+        if not obj.Cage:
+            return
+        try:
+            body = _surfaced_again(obj)
+        except HybridVolumeError as error:
+            obj.Status = FAILED + error.line
+            raise
+        _show(obj, body)
+
+
+def import_mesh(path: str | os.PathLike, doc: Any, surfacing: Surfacing | None = None) -> list[Any]:
+    """Put the bodies of a mesh file into a document, in one step of Undo.
+
+    Parameters
+    ----------
+    path : path
+        OBJ, OFF or PLY.
+    doc : App.Document
+    surfacing : Surfacing, optional
+        "auto" becomes the scheme that the mesh asks for.
+
+    Returns
+    -------
+    list of App.DocumentObject
+        One a body, with its mesh.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or the mesh or the scheme is refused; the document is as it was.
+    """
+    surfacing = surfacing or Surfacing()
+    path = Path(path)
+    mesh = read_polygons(path)
+    scheme = chosen_scheme(mesh, surfacing)
+    chosen = Surfacing(scheme, surfacing.steps, surfacing.sharp_angle)
+    parts = named_bodies(mesh, scheme, path.stem)
+    bodies = [surfaced(part, name, chosen) for name, part in parts.items()]
+    for body in bodies:
+        if body.error is not None:
+            raise body.error
+    made = []
+    with transaction(doc, "Import mesh"):
+        for part, body in zip(parts.values(), bodies, strict=True):
+            obj = doc.addObject("Part::FeaturePython", "MeshBody")
+            MeshBody(obj)
+            obj.Label = body.name
+            obj.MeshFile = str(path)
+            obj.Scheme = scheme
+            obj.Steps = AS_NEEDED if surfacing.steps is None else surfacing.steps
+            obj.SharpAngle = surfacing.sharp_angle
+            _store(obj, part)
+            _show(obj, body)
+            # it is as its properties say: the long work need not be done again
+            obj.purgeTouched()
+            made.append(obj)
+    for body in bodies:
+        for note in body.origin["mesh"]["notes"]:
+            logger.info("%s: %s", body.name, note)
+    return made
+
+
+def surfacing_of(obj: Any) -> Surfacing:
+    """How the mesh of an object becomes patches, by its properties.
+
+    Raises
+    ------
+    InputError
+        A value is out of its range.
+    """
+    steps = None if obj.Steps == AS_NEEDED else obj.Steps
+    return Surfacing(obj.Scheme, steps, float(obj.SharpAngle))
+
+
+def stored_mesh(obj: Any) -> PolygonMesh:
+    """The mesh that an object keeps, with the numbers of its file.
+
+    Raises
+    ------
+    InputError
+        There is none.
+    FileFormatError
+        The stored file is damaged.
+    """
+    if not obj.Cage:
+        raise InputError(f"{obj.Label} has no mesh", remedy="import the mesh again")
+    try:
+        with np.load(obj.Cage, allow_pickle=False) as file:
+            # what files of earlier versions have not has its default
+            arrays = {name: file[name] for name in _ARRAYS if name in file}
+            return PolygonMesh(**arrays, notes=tuple(file["notes"].tolist()))
+    except (OSError, KeyError, ValueError, TypeError) as error:
+        raise FileFormatError(
+            f"the stored mesh of {obj.Label} cannot be read ({error})",
+            remedy="import the mesh again",
+        ) from error
+
+
+def creases_of(obj: Any, mesh: PolygonMesh) -> np.ndarray:
+    """Ends (e, 2) of the edges that stay sharp by an object's scheme, at least somewhat."""
+    if obj.Scheme != "catmull-clark":
+        return np.zeros((0, 2), dtype=np.int64)
+    angle = float(obj.SharpAngle)
+    ends, turn = edge_turns(mesh)
+    by_angle = ends[turn > angle] if angle else ends[:0]
+    return np.concatenate([mesh.creases[mesh.sharpness > 0.0], by_angle])
+
+
+def _store(obj: Any, mesh: PolygonMesh) -> None:
+    with tempfile.TemporaryDirectory(prefix="hybridvolume-") as folder:
+        path = os.path.join(folder, "cage.npz")
+        arrays = {name: getattr(mesh, name) for name in _ARRAYS}
+        np.savez_compressed(path, notes=np.array(mesh.notes, dtype=str), **arrays)
+        include(obj, "Cage", path)
+
+
+def _surfaced_again(obj: Any) -> Body:
+    surfacing = surfacing_of(obj)
+    parts = named_bodies(stored_mesh(obj), surfacing.scheme, obj.Label)
+    if len(parts) != 1:
+        raise InputError(
+            f"{obj.Label} would be {len(parts)} bodies", remedy="import the mesh again"
+        )
+    ((name, mesh),) = parts.items()
+    body = surfaced(mesh, name, surfacing)
+    if body.error is not None:
+        raise body.error
+    return body
+
+
+def _show(obj: Any, body: Body) -> None:
+    figures = body.origin["mesh"]
+    # the shape brings a placement of its own; that of the object stays
+    placement = obj.Placement
+    obj.Shape = body.shape
+    obj.Placement = placement
+    obj.Patches = len(body.faces)
+    obj.Quads = figures["quads"]
+    obj.LimitDistance = figures.get("distance", 0.0)
+    obj.NormalJump = float(np.degrees(figures.get("normal_jump", 0.0)))
+    # a mesh that was mended once is looked at again, and the same is found
+    obj.Notes = list(dict.fromkeys(figures["notes"]))
+    obj.Status = UP_TO_DATE
