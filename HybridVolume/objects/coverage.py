@@ -12,24 +12,19 @@ from __future__ import annotations
 import logging
 import re
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import Fem
 import numpy as np
 import Part
+from scipy import spatial
 
 from HybridVolume.errors import FaultError
-from HybridVolume.sources.faces import distance_of_points
 
 from .fem_mesh import MeshArrays
-
-if TYPE_CHECKING:
-    from HybridVolume.core.finite_elements import FiniteElementMesh
-    from HybridVolume.core.surface import PatchSurface
-    from HybridVolume.sources import Body
+from .node_places import Places
 
 logger = logging.getLogger(__name__)
 
@@ -41,6 +36,13 @@ SECONDS = 2.0
 
 WIDEST = 1e-5
 """Widest tolerance of a face that is used, as a share of the body's diagonal."""
+
+SAMPLED_FACES = 500
+"""Faces that are looked at in any case, where the nodes of all are measured: each costs OCC 3 ms
+before the first node."""
+
+_BUNDLE = 64
+"""Nodes in a mesh in which edges and vertices are looked for together."""
 
 _NARROWEST = 1e-6
 """Smallest tolerance that is given to a face, mm."""
@@ -66,7 +68,8 @@ class Coverage:
     measured : int
         So many of them were measured against their CAD face at their own parameters.
     searched : int
-        So many of them were looked for as the FEM workbench does: all, or a spread sample.
+        So many of them were looked for as the FEM workbench does: all, or a spread sample, which
+        leaves out faces where there are more than `SAMPLED_FACES`.
     distance : float or None
         Largest measured distance from a CAD face, mm; None where none was measured.
     tolerance : float
@@ -109,89 +112,6 @@ class Coverage:
         }
 
 
-@dataclass(frozen=True)
-class Places:
-    """Where a mesh's outer nodes lie on the patches, and the patches on the CAD faces.
-
-    Attributes
-    ----------
-    surface : PatchSurface
-    body : Body
-    patch : (n,) int array
-        Patch of each node of the mesh, -1 inside.
-    uv : (n, 2) array
-        Its parameters there.
-    """
-
-    surface: PatchSurface
-    body: Body
-    patch: np.ndarray
-    uv: np.ndarray
-
-    @classmethod
-    def of(cls, fem: FiniteElementMesh, surface: PatchSurface, body: Body) -> Places | None:
-        """Places of the nodes of a mesh; None where it does not tell them."""
-        if not len(fem.surface_nodes):
-            return None
-        patch = np.full(len(fem.nodes), -1)
-        uv = np.full((len(fem.nodes), 2), np.nan)
-        patch[fem.surface_nodes] = fem.surface_patch
-        uv[fem.surface_nodes] = fem.surface_uv
-        return cls(surface, body, patch, uv)
-
-    def distance(self, name: str, known: np.ndarray, nodes: np.ndarray) -> float:
-        """Largest distance of nodes from a CAD face at their own parameters, mm.
-
-        Parameters
-        ----------
-        name : str
-        known : (m,) int array
-            Nodes on it.
-        nodes : (n, 3) array
-            All nodes.
-        """
-        patch, face, domain = self._by_name[name]
-        points = nodes[known]
-        u, v = self._parameters(patch, known, points).T
-        if domain is None:
-            return distance_of_points(points, u, v, face, None)
-        ways = [(v, u)] if self._turned(patch) else [(u, v)]
-        if self._turned(patch) is None:
-            ways = [(u, v), (v, u)]
-        return min(distance_of_points(points, s, t, face, domain) for s, t in ways)
-
-    @cached_property
-    def _by_name(self) -> dict[str, tuple[int, Any, tuple | None]]:
-        """Patch, CAD face and its rectangle of parameters by the face's name."""
-        patches = {patch.face: k for k, patch in enumerate(self.surface.patches)}
-        faces = self.body.shape.Faces
-        return {
-            face.name: (patches[face.name], faces[_number(face.name) - 1], domain)
-            for face, domain in zip(self.body.faces, self.body.domains, strict=True)
-        }
-
-    def _turned(self, patch: int) -> bool | None:
-        turned = self.surface.turned
-        return bool(turned[patch]) if len(turned) else None
-
-    def _parameters(self, patch: int, known: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Parameters of nodes on a patch, (m, 2); of nodes of a neighbour too."""
-        uv = self.uv[known].copy()
-        others = np.flatnonzero(self.patch[known] != patch)
-        if len(others):
-            # sides that meet have the same parameters, either way: one of these is the place
-            t = uv[others].ravel()
-            ends = [np.zeros_like(t), np.ones_like(t)]
-            along = [t, 1.0 - t]
-            tried = [np.column_stack([e, a]) for e in ends for a in along]
-            tried = np.stack([*tried, *(pair[:, ::-1] for pair in tried)])
-            tried = tried.reshape(8, len(others), 2, 2).transpose(1, 0, 2, 3).reshape(-1, 16, 2)
-            at = self.surface.evaluate(patch, *tried.reshape(-1, 2).T).reshape(-1, 16, 3)
-            best = np.linalg.norm(at - points[others, None], axis=2).argmin(axis=1)
-            uv[others] = tried[np.arange(len(others)), best]
-        return uv
-
-
 def cover(
     arrays: MeshArrays, shape: Any, places: Places | None = None, seconds: float = SECONDS
 ) -> Coverage:
@@ -223,8 +143,8 @@ def cover(
         )
     measured = dict.fromkeys(known, 0.0)
     if places is not None:
-        measured = {name: places.distance(name, n, arrays.nodes) for name, n in known.items()}
-    found = _Search(arrays, known, shape, seconds).result
+        measured = places.distances(known, arrays.nodes)
+    found = _Search(arrays, known, shape, seconds, spread=places is not None).result
     # not only just within the tolerance
     allowed = {f"Face{n}": 0.9 * face.Tolerance for n, face in enumerate(shape.Faces, start=1)}
     beside = {name: value for name, value in measured.items() if value >= allowed[name]}
@@ -341,95 +261,187 @@ class _Found:
 
 
 class _Search:
-    """Looks for the nodes of a mesh on a shape as the FEM workbench does."""
+    """Looks for the nodes of a mesh on a shape as the FEM workbench does.
+
+    With ``spread``, where the nodes are measured as well, at most `SAMPLED_FACES` faces are looked
+    at as long as nothing is missed there; edges and vertices all are.
+    """
 
     def __init__(
-        self, arrays: MeshArrays, known: Mapping[str, np.ndarray], shape: Any, seconds: float
+        self,
+        arrays: MeshArrays,
+        known: Mapping[str, np.ndarray],
+        shape: Any,
+        seconds: float,
+        *,
+        spread: bool = False,
     ) -> None:
         self.arrays, self.known = arrays, known
         self.parts = {"Face": shape.Faces, "Edge": shape.Edges, "Vertex": shape.Vertexes}
         self.neighbours = _edges_by_faces(shape)
         self.result = _Found()
-        self._faces(seconds)
+        self._faces(seconds, spread)
         self._edges_and_vertices()
 
-    def _faces(self, seconds: float) -> None:
+    def _faces(self, seconds: float, spread: bool) -> None:
         share = max(4, SAMPLED_NODES // max(1, len(self.known)))
         sample = {name: _spread(nodes, share) for name, nodes in self.known.items()}
+        looked, total = 0, sum(map(len, self.known.values()))
+        names = list(self.known)
+        first = [names[k] for k in _spread(np.arange(len(names)), SAMPLED_FACES)]
+        bad: list[str] = []
         started = time.thread_time()
-        self.result.bad = [name for name in self.known if self._missing(name, sample[name])]
+        for some in (first, [name for name in names if name not in set(first)]):
+            if some is not first and spread and not bad:
+                break
+            bad += [name for name in some if self._missing(name, sample[name])]
+            looked += sum(len(sample[name]) for name in some)
         spent = time.thread_time() - started
-        looked, total = (sum(map(len, table.values())) for table in (sample, self.known))
+        self.result.bad = [name for name in names if name in set(bad)]
         self.result.searched = looked
         if self.result.bad or spent * total > seconds * looked:
             return
         rest = {name: np.setdiff1d(nodes, sample[name]) for name, nodes in self.known.items()}
         self.result.bad = [name for name, nodes in rest.items() if self._missing(name, nodes)]
         self.result.searched = total
-        self.result.strangers = [name for name in self.known if self._acts_on_others(name)]
+        self.result.strangers = self._strangers()
 
     def _missing(self, name: str, nodes: np.ndarray) -> bool:
         return len(self._find(name, "Face", nodes)) != len(nodes)
 
-    def _acts_on_others(self, name: str) -> bool:
-        """Whether a whole triangle of another face lies on a face as well."""
-        own = self.known[name]
-        around = [
-            rows[np.isin(rows, own).any(axis=1)]
-            for other, (_, rows) in self.arrays.faces.items()
-            if other != name
-        ]
-        around = [rows for rows in around if len(rows)]
-        if not around:
-            return False
-        near = np.setdiff1d(np.concatenate([rows.ravel() for rows in around]), own)
-        both = np.union1d(own, self._find(name, "Face", near))
-        return any(np.isin(rows, both).all(axis=1).any() for rows in around)
+    def _strangers(self) -> list[str]:
+        """Faces on which a whole triangle of another face lies as well."""
+        rows = [rows for _, rows in self.arrays.faces.values()]
+        owner = np.repeat(np.arange(len(rows)), [len(part) for part in rows])
+        rows = np.concatenate(rows)
+        order = np.argsort(rows, axis=None, kind="stable")
+        start = np.searchsorted(rows.ravel()[order], np.arange(len(self.arrays.nodes) + 1))
+        order //= rows.shape[1]
+        strangers = []
+        for number, name in enumerate(self.arrays.faces):
+            own = self.known.get(name)
+            if own is None:
+                continue
+            touching = np.unique(np.concatenate([order[start[n] : start[n + 1]] for n in own]))
+            around = rows[touching[owner[touching] != number]]
+            if not len(around):
+                continue
+            near = np.setdiff1d(around, own)
+            both = np.union1d(own, self._find(name, "Face", near))
+            if np.isin(around, both).all(axis=1).any():
+                strangers.append(name)
+        return strangers
 
     def _find(self, name: str, kind: str, nodes: np.ndarray) -> np.ndarray:
         """Those of some nodes that FreeCAD finds on a part of the shape."""
-        # A mesh of these nodes only: every node in the part's box costs time.
-        probe = Fem.FemMesh()
-        for number, (x, y, z) in enumerate(self.arrays.nodes[nodes].tolist()):
-            probe.addNode(x, y, z, number + 1)
-        found = getattr(probe, f"getNodesBy{kind}")(self.parts[kind][_number(name) - 1])
-        return nodes[np.array(found, dtype=int) - 1]
+        return nodes[self._probe(nodes).on(kind, self.parts[kind][_number(name) - 1])]
+
+    def _probe(self, nodes: np.ndarray) -> _Probe:
+        return _Probe(self.arrays.nodes[nodes])
 
     def _edges_and_vertices(self) -> None:
         """Nodes on the faces' common sides must be found on edges, and one on each vertex."""
-        result = self.result
         every, times = np.unique(np.concatenate(list(self.known.values())), return_counts=True)
         border = every[times > 1]
-        corner: dict[tuple[float, ...], int] = {}
-        for number, vertex in enumerate(self.parts["Vertex"], start=1):
-            apart = np.linalg.norm(self.arrays.nodes[border] - tuple(vertex.Point), axis=1)
-            nearest = border[apart.argsort()[:1]]
-            if len(self._find(f"Vertex{number}", "Vertex", nearest)):
-                result.vertices += 1
-            else:
-                self._lose(f"Vertex{number}", float(apart.min(initial=np.inf)))
-            if len(nearest):
-                corner[tuple(vertex.Point)] = int(nearest[0])
+        corner = self._vertices(border)
+        shared = set(border.tolist())
+        sides = {name: shared.intersection(nodes.tolist()) for name, nodes in self.known.items()}
+        todo = []
         for faces, edges in self.neighbours.items():
-            sides = [self.known[f"Face{n}"] for n in faces]
-            side = np.intersect1d(sides[0], sides[-1]) if len(sides) > 1 else border
+            side = set.intersection(*(sides[f"Face{n}"] for n in faces))
+            if len(faces) == 1:
+                side = shared
             ends = {tuple(v.Point) for n in edges for v in self.parts["Edge"][n - 1].Vertexes}
             # two faces may touch at a vertex that is on none of their common edges
-            side = np.setdiff1d(side, [node for at, node in corner.items() if at not in ends])
-            rest = side
-            for number in edges:
-                rest = np.setdiff1d(rest, self._find(f"Edge{number}", "Edge", side))
-            points = self.arrays.nodes[_spread(rest, 50)].tolist()
-            apart = [[_far(p, self.parts["Edge"][n - 1]) for p in points] for n in edges]
-            for number, near in zip(edges, _nearest(apart), strict=True):
-                if near is None:
-                    result.edges += 1
+            side = {node for node in side if corner.get(node, ends) <= ends}
+            todo.append((edges, np.array(sorted(side), dtype=int)))
+        for some in _bundles(todo):
+            # a mesh costs more than some nodes that lie elsewhere
+            nodes = np.unique(np.concatenate([side for _, side in some]))
+            probe = self._probe(nodes)
+            for edges, side in some:
+                found = [nodes[probe.on("Edge", self.parts["Edge"][n - 1])] for n in edges]
+                rest = side[~np.isin(side, np.concatenate(found))]
+                self._settle(edges, rest)
+
+    def _settle(self, edges: list[int], rest: np.ndarray) -> None:
+        """Count the edges of a side, of which some nodes may not have been found."""
+        points = self.arrays.nodes[_spread(rest, 50)].tolist()
+        if not points:
+            self.result.edges += len(edges)
+            return
+        apart = [[_far(p, self.parts["Edge"][n - 1]) for p in points] for n in edges]
+        for number, near in zip(edges, _nearest(apart), strict=True):
+            if near is None:
+                self.result.edges += 1
+            else:
+                self._lose(f"Edge{number}", near)
+
+    def _vertices(self, border: np.ndarray) -> dict[int, set[tuple[float, ...]]]:
+        """Look for the nearest of some nodes on each vertex.
+
+        Returns
+        -------
+        dict
+            The vertices that each of these nodes is the nearest of.
+        """
+        result, parts = self.result, self.parts["Vertex"]
+        places = [tuple(vertex.Point) for vertex in parts]
+        corner: dict[int, set[tuple[float, ...]]] = {}
+        if not len(border):
+            for number in range(len(parts)):
+                self._lose(f"Vertex{number + 1}", np.inf)
+            return corner
+        tree = spatial.cKDTree(self.arrays.nodes[border])
+        apart, nearest = tree.query(np.array(places).reshape(-1, 3))
+        for first in range(0, len(parts), _BUNDLE):
+            some = range(first, min(first + _BUNDLE, len(parts)))
+            probe = self._probe(border[nearest[some.start : some.stop]])
+            for at, number in enumerate(some):
+                corner.setdefault(int(border[nearest[number]]), set()).add(places[number])
+                if at in probe.on("Vertex", parts[number]):
+                    result.vertices += 1
                 else:
-                    self._lose(f"Edge{number}", near)
+                    self._lose(f"Vertex{number + 1}", float(apart[number]))
+        return corner
 
     def _lose(self, name: str, off: float) -> None:
         self.result.lost.append(name)
         self.result.off[name] = off
+
+
+class _Probe:
+    """A mesh of some nodes only: every node in the box of a part costs time.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+    """
+
+    def __init__(self, points: np.ndarray) -> None:
+        self._mesh = Fem.FemMesh()
+        for number, (x, y, z) in enumerate(points.tolist(), start=1):
+            self._mesh.addNode(x, y, z, number)
+
+    def on(self, kind: str, part: Any) -> np.ndarray:
+        """Numbers of the points, from 0, that FreeCAD finds on a face, edge or vertex."""
+        return np.array(getattr(self._mesh, f"getNodesBy{kind}")(part), dtype=int) - 1
+
+
+def _bundles(
+    todo: Iterable[tuple[list[int], np.ndarray]],
+) -> Iterator[list[tuple[list[int], np.ndarray]]]:
+    """Sides with their nodes, as many together as have few nodes."""
+    bundle: list[tuple[list[int], np.ndarray]] = []
+    count = 0
+    for edges, side in todo:
+        if bundle and count + len(side) > _BUNDLE:
+            yield bundle
+            bundle, count = [], 0
+        bundle.append((edges, side))
+        count += len(side)
+    if bundle:
+        yield bundle
 
 
 def _nearest(apart: Iterable[list[float]]) -> list[float | None]:
