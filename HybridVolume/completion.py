@@ -136,6 +136,8 @@ def complete_file(options: argparse.Namespace, screen: Screen) -> int:
     for outcome in outcomes:
         if outcome.report:
             screen.line(summary(outcome))
+            if outcome.report["evening"]["sentence"]:
+                screen.line(f"{outcome.name}: {outcome.report['evening']['sentence']}")
             if outcome.report["shell"]["sentence"]:
                 screen.line(f"{outcome.name}: {outcome.report['shell']['sentence']}")
     screen.clear()
@@ -170,6 +172,7 @@ def parameters_of(options: argparse.Namespace) -> dict[str, Any]:
     from HybridVolume.core.goals import Thickness, parse_factors
     from HybridVolume.core.levels import Spacing
     from HybridVolume.objects.density import density_parameters
+    from HybridVolume.objects.spans import KEYWORDS as SPANS
     from HybridVolume.objects.thickness import spacing_parameters, thickness_parameters
 
     if options.elements == "hex20" and options.order == 1:
@@ -193,6 +196,7 @@ def parameters_of(options: argparse.Namespace) -> dict[str, Any]:
         "Layers": options.layers,
         "Degree": options.degree,
         "Tolerance": options.tolerance,
+        **{name: getattr(options, keyword) for keyword, name in SPANS.items()},
         "Midstructure.Method": "own" if _names_file(options) else options.midstructure,
         "Midstructure.Samples": options.samples,
         "Midstructure.Angle": options.angle,

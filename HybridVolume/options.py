@@ -127,6 +127,19 @@ def _density(name: str, kind: type = float) -> Callable[[str], Any]:
     return read
 
 
+def _evenness(name: str) -> Callable[[str], float]:
+    """Reads a number that `Evenness` takes under this name."""
+
+    def read(text: str) -> float:
+        from HybridVolume.core.even import Evenness
+
+        value = _number(text.strip().removesuffix("mm") if name == "size" else text)
+        _read(lambda _: Evenness(**{name: value}), text)
+        return value
+
+    return read
+
+
 def _length(text: str) -> float:
     value = _density("size")(text.strip().removesuffix("mm"))
     if not value:
@@ -201,6 +214,7 @@ def parser() -> Parser:
     p.add_argument("-o", "--output", metavar="DIR", help="output folder (default: ./NAME)")
     _add_mesh_files(p)
     _add_thickness(p)
+    _add_spans(p)
     p.add_argument(
         "--method",
         choices=("certified", "paper"),
@@ -312,6 +326,36 @@ def _add_thickness(p: Parser) -> None:
         default=3,
         metavar="P",
         help="degree through the shell, 1 to 6 (default: 3)",
+    )
+
+
+def _add_spans(p: Parser) -> None:
+    group = p.add_argument_group(
+        "spans",
+        "how the faces are cut first, exactly, so that elements have similar size and shape; as "
+        "fine as the shell needs in any case",
+    )
+    group.add_argument(
+        "--span-size",
+        type=_evenness("size"),
+        default=0.0,
+        metavar="MM",
+        help="longest side of a span (default: 0, any)",
+    )
+    group.add_argument(
+        "--span-aspect",
+        type=_evenness("aspect"),
+        default=0.0,
+        metavar="A",
+        help="longest over shortest side, 2 or more, where most spans of a strip ask for it "
+        "(default: 0, any)",
+    )
+    group.add_argument(
+        "--span-turn",
+        type=_evenness("turn"),
+        default=0.0,
+        metavar="DEG",
+        help="largest turn of the normal along a span, 1 to 180 degrees (default: 0, any)",
     )
 
 

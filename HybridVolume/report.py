@@ -58,6 +58,7 @@ def volume_report(
     return {
         "version": SCHEMA,
         "input": {**source, **surface_figures(volume.surface)},
+        "evening": evening_part(volume.report.get("evening", {})),
         "midstructure": midstructure_figures(
             volume.midstructure, volume.report.get("search", {}), shell.w0
         ),
@@ -100,6 +101,7 @@ def stage_report(
     return {
         "version": SCHEMA,
         "input": {**source, **surface_figures(stage.surface)},
+        "evening": evening_part(stage.evening),
         "midstructure": midstructure_figures(
             stage.midstructure, search_figures(options), options.w0
         ),
@@ -127,6 +129,39 @@ def surface_figures(surface: PatchSurface) -> dict[str, Any]:
         "faces_tolerance": int(np.count_nonzero(moved)),
         "max_move": float(surface.moved.max(initial=0.0)),
     }
+
+
+def evening_part(evening: Mapping[str, Any]) -> dict[str, Any]:
+    """How the knot spans of the surface were evened out.
+
+    Parameters
+    ----------
+    evening : mapping
+        As :func:`HybridVolume.core.even.evening_figures` gives it; empty of volumes of earlier
+        versions.
+
+    Returns
+    -------
+    dict
+        The same, and ``sentence``: in words what was done; empty where that is nothing.
+    """
+    return {**evening, "sentence": _evening_sentence(evening)}
+
+
+def _evening_sentence(evening: Mapping[str, Any]) -> str:
+    if not evening:
+        return ""
+    asked, before, after = evening["asked"], evening["before"], evening["after"]
+    if before == after:
+        return ""
+    words = (("size", "to {:.3g} mm"), ("aspect", "aspect to {:.3g}"), ("turn", "turn to {:.3g}°"))
+    wanted = ", ".join(text.format(asked[name]) for name, text in words if asked[name])
+    return (
+        f"{after['spans']} spans of the faces, {before['spans']} as given"
+        f"{f' (asked: {wanted})' if wanted else ''}: longest {after['longest']:.3g} mm (was "
+        f"{before['longest']:.3g}), aspect {after['aspect']:.3g} (was {before['aspect']:.3g}), "
+        f"turn {after['turn']:.0f}° (was {before['turn']:.0f}°)"
+    )
 
 
 def midstructure_figures(

@@ -2,28 +2,35 @@
 # SPDX-FileCopyrightText: The HybridVolume authors
 """Knot spans of similar size and shape, before the offset (section 3.5).
 
-Spans are halved by knot insertion along whole strips of patches, which never changes the surface.
+Spans are cut by knot insertion along whole strips of patches, which never changes the surface.
+Knots are simple, so that the inner boundary stays as smooth across them as it can be.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
-from .refinement import insert_knots
+from .refinement import cut_spans
+from .strips import SpanIntervals, span_intervals
 from .surface import PatchSurface
 
 logger = logging.getLogger(__name__)
 
-ROUNDS = 12
-"""Most halvings of a span."""
+ROUNDS = 8
+"""Most rounds: one does it where parameters run evenly along the spans."""
+FINEST = 64
+"""Parts of a span as given that are not cut further for their aspect or turn: there is a fold, a
+kink or a side without length, which stays."""
 MOST = 200_000
 """Spans that are not exceeded."""
 _POINTS = np.linspace(0.0, 1.0, 5)
+_BLOCK = 400_000
+"""Places that are evaluated at once, which bounds the memory."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +45,7 @@ class Evenness:
         Longest over shortest side that a span should have, 2 or more; 0: any. A strip is cut only
         where most of the spans that it crosses ask for it, since others become thinner by that.
     turn : float
-        Largest angle by which the normal turns along a side of a span, degrees; 0: any.
+        Largest angle by which the normal turns along a line of a span, degrees; 0: any.
 
     Raises
     ------
@@ -53,16 +60,21 @@ class Evenness:
     def __post_init__(self) -> None:
         if not 0.0 <= self.size < np.inf:
             raise InputError(f"the size of spans is {self.size:g} mm", remedy="choose 0 mm or more")
-        if self.aspect and not self.aspect >= 2.0:
+        if self.aspect and not 2.0 <= self.aspect < np.inf:
             raise InputError(
                 f"the aspect of spans is {self.aspect:g}",
-                remedy="choose 2 or more; halving cannot make it better",
+                remedy="choose 2 or more, or 0 for any",
             )
         if self.turn and not 1.0 <= self.turn <= 180.0:
             raise InputError(
                 f"normals turn by {self.turn:g} degrees in a span",
-                remedy="choose from 1 to 180 degrees",
+                remedy="choose from 1 to 180 degrees, or 0 for any",
             )
+
+    @property
+    def asks(self) -> bool:
+        """Whether anything is asked for."""
+        return bool(self.size or self.aspect or self.turn)
 
 
 @dataclass(frozen=True)
@@ -90,17 +102,33 @@ class SpanFigures:
 def span_figures(surface: PatchSurface) -> SpanFigures:
     """Figures of the spans of a surface."""
     length, turn = _measured(surface)
+    short, long = length.min(axis=1), length.max(axis=1)
     return SpanFigures(
         len(length),
-        float(length.min()),
-        float(length.max()),
-        float((length.max(axis=1) / np.maximum(length.min(axis=1), 1e-300)).max()),
+        float(short.min()),
+        float(long.max()),
+        float((long / np.maximum(short, 1e-9 * surface.diagonal)).max()),
         float(turn.max()),
     )
 
 
+def evening_figures(
+    wanted: Evenness, before: PatchSurface, after: PatchSurface
+) -> dict[str, dict[str, Any]]:
+    """What was asked for, and the figures of the spans before and after, as plain values.
+
+    Returns
+    -------
+    dict
+        ``asked``: the attributes of `Evenness`; ``before``, ``after``: those of `SpanFigures`.
+    """
+    first = asdict(span_figures(before))
+    last = first if after is before else asdict(span_figures(after))
+    return {"asked": asdict(wanted), "before": first, "after": dict(last)}
+
+
 def even_out(surface: PatchSurface, wanted: Evenness) -> PatchSurface:
-    """Halve spans until they are as wanted.
+    """Cut spans into equal parts until they are as wanted.
 
     Parameters
     ----------
@@ -110,84 +138,88 @@ def even_out(surface: PatchSurface, wanted: Evenness) -> PatchSurface:
     Returns
     -------
     PatchSurface
-        The same surface, point for point.
+        The same surface, point for point. Normals turn more than wanted where the surface itself
+        has a kink.
 
     Raises
     ------
     InputError
         That takes more spans than there may be.
     """
+    if not wanted.asks:
+        return surface
+    intervals = span_intervals(surface)
+    # one over the share of a span as given that each interval is
+    parts = np.ones(intervals.count)
     for _ in range(ROUNDS):
-        length, turn = _measured(surface)
-        parts = np.ones(length.shape)
-        if wanted.size:
-            parts = np.maximum(parts, length / wanted.size)
-        if wanted.turn:
-            parts = np.maximum(parts, turn / wanted.turn)
-        least = float(parts.prod(axis=1).sum())
-        if least > MOST:
-            raise InputError(
-                f"spans as wanted would be {least:.3g}, more than {MOST}",
-                figure=least,
-                remedy="choose a larger size, aspect or turn",
-            )
-        halved = np.zeros(length.shape, dtype=bool)
-        if wanted.size:
-            halved |= length > wanted.size * (1.0 + 1e-9)
-        if wanted.turn:
-            halved |= turn > wanted.turn
-        if wanted.aspect:
-            other = length[:, ::-1]
-            halved |= _by_most(surface, length > wanted.aspect * other)
-        if not halved.any():
+        asked = _parts(surface, wanted, intervals, parts < FINEST)
+        if asked.max(initial=1) <= 1:
             return surface
-        finer = _halve(surface, halved)
+        _check_count(intervals, asked)
+        finer = cut_spans(surface, asked, intervals)
         logger.info("spans evened out: %d, were %d", finer.element_count, surface.element_count)
-        surface = finer
+        surface, intervals = finer, span_intervals(finer)
+        parts = np.repeat(parts * asked, asked.astype(int))
     return surface
 
 
-def _halve(surface: PatchSurface, halved: np.ndarray) -> PatchSurface:
-    new: dict[tuple[int, int], list[float]] = {}
-    for patch, direction, value, element in _middles(surface):
-        if halved[element, direction]:
-            new.setdefault((patch, direction), []).append(value)
-    return insert_knots(surface, lambda k, d: np.unique(new.get((k, d), [])))
+def _parts(
+    surface: PatchSurface, wanted: Evenness, intervals: SpanIntervals, wide: np.ndarray
+) -> np.ndarray:
+    """Parts (ni,) that each interval of the strips is to be cut into.
+
+    Parameters
+    ----------
+    surface : PatchSurface
+    wanted : Evenness
+    intervals : SpanIntervals
+    wide : (ni,) bool array
+        Where aspect and turn count.
+    """
+    length, turn = _measured(surface)
+    least = np.ones(intervals.count)
+    if wanted.size:
+        least = intervals.largest(length) / wanted.size
+    if wanted.turn:
+        least = np.where(wide, np.maximum(least, intervals.largest(turn) / wanted.turn), least)
+    parts = np.maximum(np.ceil(least * (1.0 - 1e-9)), 1.0)
+    if wanted.aspect:
+        # of the spans as they will be, cut by the rest
+        cut = length / parts[intervals.of_span]
+        ratio = cut / np.maximum(cut[:, ::-1], 1e-9 * surface.diagonal) / wanted.aspect
+        most = wide & (intervals.mean(ratio > 1.0 + 1e-9) > 0.5)
+        more = np.ceil(np.clip(intervals.median(ratio) * (1.0 - 1e-9), 1.0, FINEST))
+        parts = np.where(most, parts * np.maximum(more, 2.0), parts)
+    return parts
 
 
-def _middles(surface: PatchSurface) -> Iterable[tuple[int, int, float, int]]:
-    """Patch, direction, middle parameter and number of each span."""
-    for group in surface.groups:
-        middle = 0.5 * (group.low + group.high)
-        for row, element in enumerate(group.element.tolist()):
-            for direction in (0, 1):
-                yield int(group.patch[row]), direction, float(middle[row, direction]), element
-
-
-def _by_most(surface: PatchSurface, asked: np.ndarray) -> np.ndarray:
-    """Where most spans between the same two lines of their patch ask for it."""
-    line = np.empty((len(asked), 2), dtype=np.int64)
-    keys: dict[tuple[int, int, float], int] = {}
-    for patch, direction, value, element in _middles(surface):
-        line[element, direction] = keys.setdefault((patch, direction, value), len(keys))
-    share = np.bincount(line.ravel(), asked.ravel().astype(float)) / np.bincount(line.ravel())
-    return asked & (share[line] > 0.5)
+def _check_count(intervals: SpanIntervals, parts: np.ndarray) -> None:
+    """Refuse what would be too much, before it is made."""
+    spans = float(parts[intervals.of_span].prod(axis=1).sum())
+    if spans > MOST:
+        raise InputError(
+            f"spans as wanted would be {spans:.3g}, more than {MOST}",
+            figure=spans,
+            remedy="choose a larger size, aspect or turn",
+        )
 
 
 def _measured(surface: PatchSurface) -> tuple[np.ndarray, np.ndarray]:
     """Mean lengths (ne, 2), mm, and largest turns (ne, 2), degrees, of spans along u and v."""
-    samples = surface.element_samples(_POINTS, _POINTS)
     n = len(_POINTS)
-    x, x_u, x_v = (a.reshape(-1, n, n, 3) for a in samples.surface(surface.control_points))
-    normal = np.cross(x_u, x_v)
-    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-300)
-    length, turn = [], []
-    for axis in (1, 2):
-        steps = np.linalg.norm(np.diff(x, axis=axis), axis=-1)
-        length.append(steps.sum(axis=axis).mean(axis=1))
-        one, other = (np.take(normal, rows, axis=axis) for rows in (range(n - 1), range(1, n)))
-        angle = np.arctan2(
-            np.linalg.norm(np.cross(one, other), axis=-1), (one * other).sum(axis=-1)
-        )
-        turn.append(np.degrees(angle.sum(axis=axis).max(axis=1)))
-    return np.stack(length, axis=1), np.stack(turn, axis=1)
+    count = surface.element_count
+    length, turn = np.empty((2, count, 2))
+    for block in np.array_split(np.arange(count), 1 + count * n**2 // _BLOCK):
+        samples = surface.element_samples(_POINTS, _POINTS, block)
+        x, x_u, x_v = (a.reshape(-1, n, n, 3) for a in samples.surface(surface.control_points))
+        normal = np.cross(x_u, x_v)
+        normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-300)
+        for d, axis in enumerate((1, 2)):
+            steps = np.linalg.norm(np.diff(x, axis=axis), axis=-1)
+            length[block, d] = steps.sum(axis=axis).mean(axis=1)
+            one, other = (np.take(normal, rows, axis=axis) for rows in (range(n - 1), range(1, n)))
+            angle = np.arctan2(
+                np.linalg.norm(np.cross(one, other), axis=-1), (one * other).sum(axis=-1)
+            )
+            turn[block, d] = np.degrees(angle.sum(axis=axis).max(axis=1))
+    return length, turn

@@ -15,6 +15,7 @@ from ..errors import FaultError, InputError
 from .check import SingularPlaces, check_surface, check_uncut
 from .density import Density
 from .embedding_proof import prove_embedded
+from .even import Evenness, even_out, evening_figures
 from .finite_elements import build_finite_elements
 from .gap import check_balance, gap_volume
 from .goals import Thickness, check_faces
@@ -68,6 +69,9 @@ class Options:
         Degree across the shell.
     tolerance : float
         Largest gap between sides that meet, as a share of the diagonal.
+    span_size, span_aspect, span_turn : float
+        How even knot spans are to be made first: longest side (mm), longest over shortest side,
+        largest turn of the normal (degrees), as in `Evenness`; 0: as the shell needs.
     midstructure : str
         Its kind, the ``method`` of `Search`.
     samples, angle, minimum_size, depth, decisions
@@ -102,6 +106,9 @@ class Options:
     spacing: str = "volume"
     degree: int = 3
     tolerance: float = 1e-7
+    span_size: float = 0.0
+    span_aspect: float = 0.0
+    span_turn: float = 0.0
     midstructure: str = "auto"
     samples: int = 0
     angle: float = 125.0
@@ -134,6 +141,11 @@ class Options:
         )
 
     @property
+    def evenness(self) -> Evenness:
+        """How even knot spans are to be made."""
+        return Evenness(self.span_size, self.span_aspect, self.span_turn)
+
+    @property
     def search(self) -> Search:
         """How the midstructure is found."""
         return Search(
@@ -154,7 +166,7 @@ class Options:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "decisions", self.search.decisions)
-        self.goal, Spacing.parse(self.spacing), self.density  # refused here, before any work
+        self.goal, Spacing.parse(self.spacing), self.density, self.evenness  # refused here
         choices = {
             "method": METHODS,
             "nodes": ("knots", "greville"),
@@ -196,12 +208,15 @@ class Stage:
     midstructure : Midstructure
     singular : SingularPlaces
         Where the surface itself is singular, and stays so.
+    evening : mapping
+        Knot spans as asked for, as given and as they are, see `evening_figures`.
     """
 
     surface: PatchSurface
     deviation: float
     midstructure: Midstructure
     singular: SingularPlaces = SingularPlaces()
+    evening: Mapping[str, Any] = field(default_factory=dict)
 
 
 def complete(
@@ -289,6 +304,7 @@ def complete(
         gap_volume=gap,
         report={
             "boundary_deviation": stage.deviation,
+            "evening": stage.evening,
             "search": search_figures(options),
             "method": options.method,
             "spacing": spacing.text,
@@ -331,7 +347,7 @@ def midstructure_stage(
     report("surface", 0.02, f"{len(surface.patches)} patches, genus {_words(surface.genus)}")
     check_faces([*options.face_factors, *options.face_sizes], surface)
     varied = [face for face, factor in options.face_factors.items() if factor != 1.0]
-    body = flatten_spans(divide_faces(surface, varied))
+    body = flatten_spans(divide_faces(even_out(surface, options.evenness), varied))
     deviation = _deviation(surface, body)
     singular = check_surface(body, lines=options.singular_lines)
     check_uncut(body)
@@ -347,7 +363,8 @@ def midstructure_stage(
         )
     for decision in found.unmatched:
         logger.warning("%s fits no sheet", decision)
-    return Stage(body, deviation, found, singular)
+    evening = evening_figures(options.evenness, surface, body)
+    return Stage(body, deviation, found, singular, evening)
 
 
 def field_stage(

@@ -200,15 +200,31 @@ class SpanIntervals:
     def largest(self, values: np.ndarray) -> np.ndarray:
         """Largest value (ni,) of the spans in each interval, from (ne, 2) values."""
         found = np.full(self.count, -np.inf)
-        np.maximum.at(found, self.of_span.ravel(), np.asarray(values, dtype=float).ravel())
-        return np.maximum(found, found[self.twin])
+        np.maximum.at(found, self._number, np.asarray(values, dtype=float).ravel())
+        return found[self._alike]
 
     def mean(self, values: np.ndarray) -> np.ndarray:
         """Mean value (ni,) of the spans in each interval, from (ne, 2) values."""
-        number = self.of_span.ravel()
-        spans = np.bincount(number, minlength=self.count)
-        total = np.bincount(number, np.asarray(values, dtype=float).ravel(), self.count)
-        return (total + total[self.twin]) / np.maximum(spans + spans[self.twin], 1)
+        spans = np.bincount(self._number, minlength=self.count)
+        total = np.bincount(self._number, np.asarray(values, dtype=float).ravel(), self.count)
+        return (total / np.maximum(spans, 1))[self._alike]
+
+    def median(self, values: np.ndarray) -> np.ndarray:
+        """Median (ni,) of the spans in each interval, the lower of two, from (ne, 2) values."""
+        values = np.asarray(values, dtype=float).ravel()
+        order = np.lexsort((values, self._number))
+        spans = np.bincount(self._number, minlength=self.count)
+        middle = np.cumsum(spans) - spans + np.maximum(spans - 1, 0) // 2
+        return values[order][middle[self._alike]]
+
+    @property
+    def _alike(self) -> np.ndarray:
+        """The first interval that is cut like each one."""
+        return np.minimum(np.arange(self.count), self.twin)
+
+    @property
+    def _number(self) -> np.ndarray:
+        return self._alike[self.of_span.ravel()]
 
 
 def span_intervals(surface: PatchSurface) -> SpanIntervals:

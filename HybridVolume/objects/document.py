@@ -18,7 +18,7 @@ from HybridVolume.core.hybrid import save_midstructure
 from HybridVolume.errors import FaultError, InputError
 from HybridVolume.sources import check_against_cad, global_shape, read_object
 
-from . import density, thickness
+from . import density, spans, thickness
 from .fem_mesh import AnalysisMesh, PartMesh, inputs_of_mesh, make_mesh_object
 from .inner import make_inner_boundary, stored_volume
 from .midstructure import PARAMETERS, insert_found, make_midstructure, search_inputs
@@ -362,6 +362,7 @@ def _fill(doc: Any, obj: Any, prepared: Prepared, *, keep_decisions: bool) -> No
     _make_parts(doc, obj)
     parameters = complete_parameters(one.parameters)
     thickness.set_values(obj, parameters)
+    spans.set_values(obj, parameters)
     obj.Tolerance = parameters["Tolerance"]
     obj.Solid = one.solid
     for name in PARAMETERS:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from HybridVolume.errors import InputError
 from HybridVolume.sources import global_shape
 
-from . import density, midstructure, thickness
+from . import density, midstructure, spans, thickness
 from .fingerprint import fingerprint
 from .midstructure import UP_TO_DATE
 from .properties import DocumentObject, Property, transaction
@@ -44,6 +44,7 @@ class VolumeObject(DocumentObject):
             mode=("ReadOnly",),
         ),
         **thickness.PROPERTIES,
+        **spans.PROPERTIES,
         "Tolerance": Property(
             "App::PropertyFloat",
             _PARAMETERS,
@@ -161,7 +162,11 @@ def start(doc: Any, source: Any, solid: int = 1) -> Any:
     return obj
 
 
-_OWN = {**thickness.DEFAULTS, "Tolerance": VolumeObject.PROPERTIES["Tolerance"].default}
+_OWN = {
+    **thickness.DEFAULTS,
+    **spans.DEFAULTS,
+    "Tolerance": VolumeObject.PROPERTIES["Tolerance"].default,
+}
 _FEM = "FemMesh."
 _MESH = {f"{_FEM}Order": "Second", **{f"{_FEM}{k}": v for k, v in density.DEFAULTS.items()}}
 _MIDSTRUCTURE = "Midstructure."
@@ -176,7 +181,7 @@ def current_parameters(obj: Any) -> dict[str, Any]:
     dict
         For the method ``own`` with the fingerprint of the geometry, ``"Midstructure.Geometry"``.
     """
-    values = {**thickness.values_of(obj), "Tolerance": obj.Tolerance}
+    values = {**thickness.values_of(obj), **spans.values_of(obj), "Tolerance": obj.Tolerance}
     child = obj.Midstructure
     if child:
         found = midstructure.parameters(child)
@@ -204,6 +209,7 @@ def inputs_of(parameters: Mapping[str, Any]) -> dict[str, str]:
     """Parameters as text by name, only those that the result depends on."""
     values = complete_parameters(parameters)
     texts = {**thickness.relevant(values), "Tolerance": repr(values["Tolerance"])}
+    texts |= spans.relevant(values)
     found = {name: values[f"{_MIDSTRUCTURE}{name}"] for name in midstructure.PARAMETERS}
     relevant = midstructure.relevant(found)
     texts |= {f"{_MIDSTRUCTURE}{name}": text for name, text in relevant.items()}
@@ -253,6 +259,7 @@ def options_of(parameters: Mapping[str, Any]) -> dict[str, Any]:
         "layers": values["Layers"],
         "degree": values["Degree"],
         "tolerance": values["Tolerance"],
+        **spans.options_of(values),
         "midstructure": values["Midstructure.Method"],
         "samples": values["Midstructure.Samples"],
         "angle": values["Midstructure.Angle"],
@@ -281,6 +288,7 @@ def parameters_of(volume: HybridVolume) -> dict[str, Any]:
         "Layers": volume.shell.layer_count,
         "Degree": volume.shell.degree_w,
         "Tolerance": _OWN["Tolerance"],
+        **spans.parameters_of(volume.report.get("evening", {}).get("asked", {})),
         **found,
         "Midstructure.Method": search.get("asked", "auto"),
         **mesh_parameters_of(volume.fem),
@@ -334,6 +342,7 @@ def update_status(obj: Any) -> None:
     else:
         try:
             thickness.face_factors(obj.FaceFactors)
+            spans.evenness_of(spans.values_of(obj))
             if obj.FemMesh:
                 density.density_of(mesh_values(mesh_parameters(obj.FemMesh)))
         except InputError as error:

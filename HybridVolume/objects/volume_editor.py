@@ -14,7 +14,7 @@ from HybridVolume.job import Job, Progress, worker_python
 from HybridVolume.mesh_job import KEYWORDS, check_order, density_keywords
 from HybridVolume.sources import read_object
 
-from . import density
+from . import density, spans
 from . import thickness as shell
 from .mesh_editor import ORDERS, density_values
 from .midstructure import METHODS, own_geometry
@@ -78,6 +78,7 @@ class VolumeEditor:
         with transaction(obj.Document, "Shell thickness"):
             own = {name: changed[name] for name in shell.DEFAULTS if name in changed}
             shell.set_values(obj, {**shell.values_of(obj), **own})
+            spans.set_values(obj, {**spans.values_of(obj), **changed})
             if obj.FemMesh:
                 mesh = {**mesh_parameters(obj.FemMesh), **changed}
                 obj.FemMesh.Order = mesh["FemMesh.Order"]
@@ -113,6 +114,9 @@ class VolumeEditor:
             ``layers``, ``degree``
             ``spacing``
                 ``"volume"``, ``"distance"``, ``"ratio 1.5"`` or ``"first 0.2 mm"``.
+            ``span_size``, ``span_aspect``, ``span_turn``
+                How even the faces' knot spans are made first: longest side (mm), longest over
+                shortest side, turn of the normal (degrees); 0: as the shell needs.
             ``order``
                 Of the FEM mesh, 1 or 2.
             ``nodes``, ``subdivide``, ``size``, ``face_sizes``, ``gradation``, ``fem_layers``, \
@@ -234,6 +238,7 @@ def changed_parameters(**values: Any) -> dict[str, Any]:
         A value is out of its range, or there is no such keyword.
     """
     known = ("thickness", "face_factors", "layers", "degree", "spacing", "order", "midstructure")
+    known += tuple(spans.KEYWORDS)
     fine = {name: values.pop(name) for name in KEYWORDS if name in values}
     unknown = sorted(set(values) - set(known))
     if unknown:
@@ -247,6 +252,8 @@ def changed_parameters(**values: Any) -> dict[str, Any]:
         found["FaceFactors"] = shell.factor_texts(factors)
     if "spacing" in values:
         found |= shell.spacing_parameters(Spacing.parse(str(values["spacing"])))
+    found |= {key: float(values[name]) for name, key in spans.KEYWORDS.items() if name in values}
+    spans.evenness_of({**spans.DEFAULTS, **found})
     for name, key in (("layers", "Layers"), ("degree", "Degree")):
         if name in values:
             found[key] = int(values[name])
@@ -274,6 +281,7 @@ def keywords_of(parameters: Mapping[str, Any]) -> dict[str, Any]:
         "layers": parameters["Layers"],
         "degree": parameters["Degree"],
         "spacing": shell.spacing_of(parameters).text,
+        **spans.options_of(parameters),
         "order": orders[parameters["FemMesh.Order"]],
         **density_keywords(density.density_of(mesh_values(parameters))),
     }
