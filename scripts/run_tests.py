@@ -35,17 +35,20 @@ WITHOUT_SHARED_DATA = re.compile(r"shared", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Run:
-    """One call of pytest (``files``: patterns below tests/) or of another checker."""
+    """One call of pytest (``files``, but ``without``: patterns below tests/) or of a checker."""
 
     name: str
     purpose: str
     python: str
     files: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()
     command: tuple[str, ...] = ()
     variables: dict[str, str] = field(default_factory=dict)
     strict_skips: bool = False
-    beside: bool = False
-    """Goes on beside the other runs where there are two cores."""
+    lane: str = ""
+    """Runs of one lane follow each other; lanes go on side by side where there are two cores."""
+    nice: int = 10
+    """How far it steps back for others: the window has to answer in time."""
 
 
 RUNS = (
@@ -56,8 +59,9 @@ RUNS = (
         "core in the worker's environment",
         ENVIRONMENT,
         files=("test_core_*.py",),
+        without=("test_core_free.py",),  # the free-only run has it
         strict_skips=True,
-        beside=True,
+        lane="core",
     ),
     Run(
         "distribution",
@@ -69,20 +73,32 @@ RUNS = (
             "test_core_surface*.py",
             "test_core_validity*.py",
         ),
-        beside=True,
+        lane="core",
     ),
     Run(
         "free-only",
         "what the GPL parts serve, without them",
         ENVIRONMENT,
-        files=tuple(
-            f"test_core_{name}*.py" for name in ("tetmesh", "midstructure", "interior", "free")
-        ),
+        # what calls a mesher; nothing else asks for these parts
+        files=tuple(f"test_core_{name}*.py" for name in ("tetmesh", "interior", "free")),
         variables={"HYBRIDVOLUME_FREE_ONLY": "1"},
-        beside=True,
+        lane="core",
     ),
-    Run("freecad", "inside FreeCAD's Python", DISTRIBUTION, files=("test_freecad_*.py",)),
-    Run("gui", "FreeCAD's window under Xvfb", DISTRIBUTION, files=("test_gui_*.py",)),
+    Run(
+        "freecad",
+        "inside FreeCAD's Python",
+        DISTRIBUTION,
+        files=("test_freecad_*.py",),
+        lane="freecad",
+    ),
+    Run(
+        "gui",
+        "FreeCAD's window under Xvfb",
+        DISTRIBUTION,
+        files=("test_gui_*.py",),
+        lane="window",
+        nice=0,
+    ),
 )
 
 
@@ -121,7 +137,7 @@ def _execute(run: Run, output: IO[bytes] | None) -> Outcome:
         code = call([run.python, *run.command], run, output)
         outcome.passed, outcome.failed = int(code == 0), int(code != 0)
     else:
-        files = sorted({path for name in run.files for path in PROJECT.glob(f"tests/{name}")})
+        files = sorted(matching(run.files) - matching(run.without))
         if not files:
             outcome.notes.append("no test files")
             return outcome
@@ -141,30 +157,43 @@ def _execute(run: Run, output: IO[bytes] | None) -> Outcome:
     return outcome
 
 
+def matching(patterns: Iterable[str]) -> set[Path]:
+    """Files of tests/ that have one of these patterns."""
+    return {path for pattern in patterns for path in PROJECT.glob(f"tests/{pattern}")}
+
+
 def execute_all(runs: list[Run]) -> dict[str, Outcome]:
-    """Execute runs one after the other, with two cores one of them beside the others."""
+    """Execute runs, with two cores in lanes that go on side by side.
+
+    The window's lane waits for the screen half of its time, which the other two use.
+    """
     outcomes: dict[str, Outcome] = {}
 
-    def lane(part: Iterable[Run], quiet: bool) -> None:
+    def follow(part: Iterable[Run], quiet: bool) -> None:
         for run in part:
             outcomes[run.name] = execute(run, quiet)
 
     # the checkers first, they take a second
-    lane([run for run in runs if run.command], False)
-    rest = [run for run in runs if not run.command]
-    beside = [run for run in rest if run.beside]
-    others = [run for run in rest if not run.beside]
-    if not beside or not others or (os.cpu_count() or 1) < 2:
-        lane(rest, False)
+    follow([run for run in runs if run.command], False)
+    lanes: dict[str, list[Run]] = {}
+    for run in runs:
+        if not run.command:
+            lanes.setdefault(run.lane, []).append(run)
+    if len(lanes) < 2 or (os.cpu_count() or 1) < 2:
+        follow([run for part in lanes.values() for run in part], False)
         return outcomes
-    # each lane has a core: more threads would only wait for each other
+    # more threads would only wait for each other
     os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
-    print("\n=== two runs at a time:", *(run.name for run in others), "are shown at their end")
-    second = threading.Thread(target=lane, args=(others, True), daemon=True)
+    first, *others = lanes.values()
+    names = [run.name for part in others for run in part]
+    print("\n=== side by side:", *names, "are shown at their end")
+    beside = [threading.Thread(target=follow, args=(part, True), daemon=True) for part in others]
     try:
-        second.start()
-        lane(beside, False)
-        second.join()
+        for thread in beside:
+            thread.start()
+        follow(first, False)
+        for thread in beside:
+            thread.join()
     finally:
         for child in _children:
             end(child)
@@ -174,7 +203,7 @@ def execute_all(runs: list[Run]) -> dict[str, Outcome]:
 def call(command: list[str], run: Run, output: IO[bytes] | None) -> int:
     """Run a command in the project folder; its whole process group ends at the time limit."""
     child = subprocess.Popen(
-        command,
+        [*(["nice", "-n", str(run.nice)] if run.nice else []), *command],
         cwd=PROJECT,
         env={**os.environ, **run.variables},
         stdin=subprocess.DEVNULL,
