@@ -347,7 +347,7 @@ def _add_spans(p: Parser) -> None:
         type=_evenness("aspect"),
         default=0.0,
         metavar="A",
-        help="longest over shortest side, 2 or more, where most spans of a strip ask for it "
+        help="longest over shortest side, 2 or more, where half of a strip's spans ask for it "
         "(default: 0, any)",
     )
     group.add_argument(

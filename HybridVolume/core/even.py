@@ -43,7 +43,7 @@ class Evenness:
         Longest side of a span, mm; 0: any.
     aspect : float
         Longest over shortest side that a span should have, 2 or more; 0: any. A strip is cut only
-        where most of the spans that it crosses ask for it, since others become thinner by that.
+        where at least half of the spans that it crosses ask for it, since others become thinner.
     turn : float
         Largest angle by which the normal turns along a line of a span, degrees; 0: any.
 
@@ -187,8 +187,9 @@ def _parts(
         # of the spans as they will be, cut by the rest
         cut = length / parts[intervals.of_span]
         ratio = cut / np.maximum(cut[:, ::-1], 1e-9 * surface.diagonal) / wanted.aspect
-        most = wide & (intervals.mean(ratio > 1.0 + 1e-9) > 0.5)
-        more = np.ceil(np.clip(intervals.median(ratio) * (1.0 - 1e-9), 1.0, FINEST))
+        asking = ratio > 1.0 + 1e-9
+        most = wide & (intervals.mean(asking) >= 0.5)
+        more = np.ceil(np.clip(intervals.median(ratio, asking) * (1.0 - 1e-9), 1.0, FINEST))
         parts = np.where(most, parts * np.maximum(more, 2.0), parts)
     return parts
 

@@ -209,13 +209,21 @@ class SpanIntervals:
         total = np.bincount(self._number, np.asarray(values, dtype=float).ravel(), self.count)
         return (total / np.maximum(spans, 1))[self._alike]
 
-    def median(self, values: np.ndarray) -> np.ndarray:
-        """Median (ni,) of the spans in each interval, the lower of two, from (ne, 2) values."""
-        values = np.asarray(values, dtype=float).ravel()
-        order = np.lexsort((values, self._number))
-        spans = np.bincount(self._number, minlength=self.count)
+    def median(self, values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+        """Median (ni,) of chosen spans in each interval, the lower of two; 0 where there is none.
+
+        Parameters
+        ----------
+        values : (ne, 2) array
+        chosen : (ne, 2) bool array
+        """
+        values, number = values[chosen], self._number.reshape(-1, 2)[chosen]
+        order = np.lexsort((values, number))
+        spans = np.bincount(number, minlength=self.count)
         middle = np.cumsum(spans) - spans + np.maximum(spans - 1, 0) // 2
-        return values[order][middle[self._alike]]
+        found = np.zeros(self.count)
+        found[spans > 0] = values[order][middle[spans > 0]]
+        return found[self._alike]
 
     @property
     def _alike(self) -> np.ndarray:

@@ -27,6 +27,7 @@ from .density_form import DensityForm
 from .face_table import FACTORS, FaceTable, Widgets, face_names
 from .run_panel import RunPanel
 from .runner import Callbacks
+from .spans_form import SpansForm
 from .thickness_form import LayersForm, ThicknessForm
 from .thickness_preview import ThicknessPreview
 from .volume_macro import VolumeMacro
@@ -82,6 +83,7 @@ class TaskPanel(RunPanel):
         )
         self._thickness = ThicknessForm(self.form, size, self._preview_update)
         self._layers = LayersForm(self.form, size)
+        self._spans = SpansForm(self.form, size)
         names = face_names(source, solid) if self._single else {}
         form = self.form
         self._faces = FaceTable(
@@ -193,6 +195,7 @@ class TaskPanel(RunPanel):
         }
         self._thickness.show(values)
         self._layers.show(values)
+        self._spans.show(values)
         self._faces.show(shell.face_factors(values["FaceFactors"]))
         for widget in (form.showInner, form.facesToggle, self._density.widget.sizesToggle):
             widget.setEnabled(self._single)
@@ -223,6 +226,7 @@ class TaskPanel(RunPanel):
             **self._editor.parameters(),
             **self._thickness.values,
             **self._layers.values,
+            **self._spans.values,
             "FaceFactors": shell.factor_texts(self._faces.values),
             **{f"{_MESH}{name}": value for name, value in self._density.values.items()},
         }
@@ -350,6 +354,8 @@ class TaskPanel(RunPanel):
                 f"{volume.Label}: w0 {volume.W0Reached:.3g}, {volume.Elements} elements of the "
                 f"shell, all proved valid, {volume.Core.Elements} tets"
             )
+            if volume.Report.get("evening.sentence"):
+                self._write(f"{volume.Label}: {volume.Report['evening.sentence']}")
             if volume.Report.get("shell.sentence"):
                 self._write(f"{volume.Label}: {volume.Report['shell.sentence']}")
         # the shell itself is there now

@@ -24,7 +24,7 @@ PROPERTIES = {
     "SpanAspect": Property(
         "App::PropertyFloatConstraint",
         _SPANS,
-        "Longest over shortest side of spans, 2 or more, where most spans of a strip ask for it; "
+        "Longest over shortest side of spans, 2 or more, where half of a strip's spans ask; "
         "0: any.",
         (0.0, 0.0, 1000.0, 1.0),
     ),

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""The part of the volume's panel that says how even the spans of the faces should be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from PySide import QtCore
+
+from .thickness_form import Length
+
+LEAST_ASPECT = 2.0
+"""Below this no aspect can be asked for; the field shows its lowest value as "any"."""
+
+
+class SpansForm:
+    """Size, aspect and turn of spans, in a section that opens and closes.
+
+    Parameters
+    ----------
+    form : QWidget
+        The panel.
+    size : float
+        A length such as the body's parts have, mm.
+    """
+
+    def __init__(self, form: Any, size: float) -> None:
+        self._form = form
+        self._size = Length(form.spanSize, self._tell)
+        self._size.step(float(f"{0.1 * size:.1g}"))
+        for box in (form.spanAspect, form.spanTurn):
+            box.valueChanged.connect(lambda *_: self._tell())
+        form.spanAspect.editingFinished.connect(self._lift)
+        form.spansToggle.toggled.connect(self._open)
+        self._open(False)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Values of `objects.spans.DEFAULTS`, by name."""
+        form = self._form
+        aspect = form.spanAspect.value()
+        return {
+            "SpanSize": self._size.value,
+            "SpanAspect": max(aspect, LEAST_ASPECT) if aspect > form.spanAspect.minimum() else 0.0,
+            "SpanTurn": form.spanTurn.value(),
+        }
+
+    @property
+    def summary(self) -> str:
+        """The values in a few words."""
+        values = self.values
+        texts = {"SpanSize": "to {:.3g} mm", "SpanAspect": "aspect to {:.3g}"}
+        texts |= {"SpanTurn": "turn to {:.3g}°"}
+        words = [text.format(values[name]) for name, text in texts.items() if values[name]]
+        return ", ".join(words) or "as the shell needs"
+
+    def show(self, values: Mapping[str, float]) -> None:
+        """Show values, as :attr:`values` gives them."""
+        form = self._form
+        self._size.value = values["SpanSize"]
+        form.spanAspect.setValue(values["SpanAspect"] or form.spanAspect.minimum())
+        form.spanTurn.setValue(values["SpanTurn"])
+        self._tell()
+
+    def _open(self, on: bool) -> None:
+        form = self._form
+        form.spansToggle.setArrowType(QtCore.Qt.DownArrow if on else QtCore.Qt.RightArrow)
+        form.spansBox.setVisible(on)
+        self._tell()
+
+    def _lift(self) -> None:
+        """Show an aspect between "any" and the least as the least."""
+        box = self._form.spanAspect
+        if box.minimum() < box.value() < LEAST_ASPECT:
+            box.setValue(LEAST_ASPECT)
+
+    def _tell(self) -> None:
+        closed = not self._form.spansToggle.isChecked()
+        self._form.spansToggle.setText(f"Spans: {self.summary}" if closed else "Spans")
