@@ -12,6 +12,11 @@ import numpy as np
 _STEP = 1e-9
 _OFFSET = 0.3819660112501051
 _GRID = np.linspace(0.0, 1.0, 5)
+_KEPT = 4
+
+# A body is asked for many times while a result goes into a document. Geometry that is held here
+# is not given up, so that another one cannot have its place.
+_known: list[tuple[Any, tuple[float, ...], str]] = []
 
 
 def fingerprint(shape: Any) -> str:
@@ -25,6 +30,16 @@ def fingerprint(shape: Any) -> str:
     ----------
     shape : Part.Shape
     """
+    place = (*shape.Placement.toMatrix().A, float(shape.Orientation == "Reversed"))
+    for known, where, text in _known:
+        if where == place and known.isPartner(shape):
+            return text
+    _known.append((shape, place, _fingerprint(shape)))
+    del _known[:-_KEPT]
+    return _known[-1][2]
+
+
+def _fingerprint(shape: Any) -> str:
     digest = hashlib.sha256(f"{shape.ShapeType} {len(shape.Faces)}".encode())
     # A power of two: a diagonal that differs in its last digit must not change the rounding.
     box = shape.BoundBox

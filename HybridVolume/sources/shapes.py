@@ -80,7 +80,7 @@ def global_shape(document_object: Any) -> Any:
     shape = Part.getShape(document_object)
     if hasattr(document_object, "getGlobalPlacement") and hasattr(document_object, "Placement"):
         parent = document_object.getGlobalPlacement() * document_object.Placement.inverse()
-        shape = shape.copy()
+        # our own handle on the document's geometry is moved, nothing else
         shape.Placement = parent * shape.Placement
     return shape
 
