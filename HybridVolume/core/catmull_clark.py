@@ -93,7 +93,7 @@ def bezier_nets(cage: PolygonMesh, *, creases: bool = True) -> tuple[np.ndarray,
     x, quads, topology = cage.vertices, cage.quads, Corners.of(cage)
     on_edge = (topology.sharpness >= STILL_SHARP) & creases
     sharp = on_edge[topology.edge]
-    count = topology.sum_over_edges(on_edge.astype(float))
+    count = topology.sharp_count(on_edge, (topology.point_sharpness >= STILL_SHARP) & creases)
     corner = np.arange(quads.size)
     vertex = quads.ravel()
     after = np.roll(quads, -1, axis=1).ravel()

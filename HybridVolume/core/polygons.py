@@ -19,6 +19,7 @@ SHARP = 10.0
 """Sharpness from which on a crease is sharp for good, as OpenSubdiv has it."""
 NAMED = 6
 """Elements that an error names."""
+_PLURALS = {"vertex": "vertices"}
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,10 @@ class PolygonMesh:
         Ends of edges that have a sharpness of their own.
     sharpness : (e,) array
         Theirs; `SHARP` or more is sharp for good.
+    points : (k,) int array
+        Vertices that have a sharpness of their own.
+    point_sharpness : (k,) array
+        Theirs.
     face_number, vertex_number : (nf,), (n,) int arrays
         Numbers in the file.
     notes : tuple of str
@@ -48,6 +53,8 @@ class PolygonMesh:
     start: np.ndarray
     creases: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
     sharpness: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    points: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    point_sharpness: np.ndarray = field(default_factory=lambda: np.zeros(0))
     face_number: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     vertex_number: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     notes: tuple[str, ...] = ()
@@ -59,19 +66,23 @@ class PolygonMesh:
         faces: Sequence[Sequence[int]],
         creases: Sequence[tuple[int, int, float]] = (),
         first: int = 1,
+        points: Sequence[tuple[int, float]] = (),
     ) -> PolygonMesh:
         """A mesh of lists of vertices, which count from 0; in the file both count from ``first``.
+
+        ``creases`` are two vertices and a sharpness each, ``points`` one vertex and a sharpness.
 
         Raises
         ------
         InputError
-            There is nothing, a coordinate is no number, or a face or crease has a vertex that does
-            not exist or fewer than three.
+            There is nothing, a coordinate or a sharpness is no number, or a face or crease has a
+            vertex that does not exist or fewer than three.
         """
         vertices = np.asarray(vertices, dtype=float).reshape(-1, 3)
         if not len(vertices) or not len(faces):
             raise InputError(
-                f"the mesh has {len(vertices)} vertices and {len(faces)} faces",
+                f"the mesh has {number_of(len(vertices), 'vertex')} and"
+                f" {number_of(len(faces), 'face')}",
                 remedy="give a file with a closed mesh of faces",
             )
         numbers = first + np.arange(len(vertices))
@@ -102,14 +113,26 @@ class PolygonMesh:
                 remedy="remove them in the program that the mesh is from",
             )
         ends = np.array([(a, b) for a, b, _ in creases], dtype=np.int64).reshape(-1, 2)
-        if len(ends) and (ends.min() < 0 or ends.max() >= len(vertices)):
-            raise InputError("a crease has a vertex that does not exist")
+        tips = np.array([v for v, _ in points], dtype=np.int64)
+        ranks = np.array([sharp for *_, sharp in (*creases, *points)], dtype=float)
+        named = np.concatenate([ends.ravel(), tips])
+        missing = named[(named < 0) | (named >= len(vertices))]
+        if len(missing) or np.isnan(ranks).any():
+            raise InputError(
+                f"a crease has {some('vertex', missing)}, counted from 0, of {len(vertices)}"
+                if len(missing)
+                else "a crease has a sharpness that is no number",
+                remedy="export the mesh again, or take its crease tags out",
+            )
+        ranks = np.clip(ranks, 0.0, SHARP)
         return cls(
             vertices,
             corners,
             start,
             np.sort(ends, axis=1),
-            np.array([sharpness for _, _, sharpness in creases], dtype=float),
+            ranks[: len(ends)],
+            tips,
+            ranks[len(ends) :],
             first + np.arange(len(sizes)),
             numbers,
         )
@@ -195,7 +218,7 @@ class PolygonMesh:
         used, renumbered = np.unique(corners, return_inverse=True)
         place = np.full(len(self.vertices), -1)
         place[used] = np.arange(len(used))
-        creases = place[self.creases]
+        creases, points = place[self.creases], place[self.points]
         kept = (creases >= 0).all(axis=1)
         return replace(
             self,
@@ -204,6 +227,8 @@ class PolygonMesh:
             start=np.concatenate([[0], np.cumsum(sizes)]),
             creases=np.sort(creases[kept], axis=1),
             sharpness=self.sharpness[kept],
+            points=points[points >= 0],
+            point_sharpness=self.point_sharpness[points >= 0],
             face_number=self.face_number[faces],
             vertex_number=self.vertex_number[used],
         )
@@ -216,6 +241,11 @@ class PolygonMesh:
         return replace(self, corners=self.corners[self.start[:-1][self.face_of] + step])
 
 
+def number_of(count: int, kind: str) -> str:
+    """``"1 face"``, ``"3 faces"``."""
+    return f"{count} {kind if count == 1 else _PLURALS.get(kind, f'{kind}s')}"
+
+
 def have(what: np.ndarray, one: str = "has", many: str = "have") -> str:
     """The verb for one or for many elements."""
     return one if len(what) == 1 else many
@@ -224,7 +254,7 @@ def have(what: np.ndarray, one: str = "has", many: str = "have") -> str:
 def some(kind: str, numbers: np.ndarray) -> str:
     """``"face 4"``, ``"faces 4, 7 and 12"`` or ``"faces 1, 2, 3, 4, 5, 6 and 80 more"``."""
     words = [str(number) for number in np.unique(numbers)]
-    return _listed({"vertex": "vertices"}.get(kind, f"{kind}s") if len(words) > 1 else kind, words)
+    return _listed(_PLURALS.get(kind, f"{kind}s") if len(words) > 1 else kind, words)
 
 
 def some_edges(mesh: PolygonMesh, ends: np.ndarray) -> str:
@@ -239,6 +269,12 @@ def _listed(kind: str, words: list[str]) -> str:
         return f"{kind} {words[0]}"
     last = words[-1] if len(words) <= NAMED else f"{len(words) - NAMED} more"
     return f"{kind} {', '.join(words[: min(NAMED, len(words) - 1)])} and {last}"
+
+
+def near(points: np.ndarray) -> str:
+    """``" (near 1, 2, 3 mm)"``: the middle of points, so that the first element is found."""
+    middle = np.asarray(points, dtype=float).reshape(-1, 3).mean(axis=0)
+    return f" (near {', '.join(f'{x:.4g}' for x in middle)} mm)"
 
 
 def bilinear_faces(mesh: PolygonMesh) -> list[SplineFace]:

@@ -27,6 +27,8 @@ class Corners:
     before : (nc,) int array
         Edge before each corner.
     sharpness : (e,) array
+    point_sharpness : (n,) array
+        That of vertices.
     valence : (n,) int array
         Edges at each vertex, as many as faces.
     """
@@ -35,6 +37,7 @@ class Corners:
     edge: np.ndarray
     before: np.ndarray
     sharpness: np.ndarray
+    point_sharpness: np.ndarray
     valence: np.ndarray
 
     @classmethod
@@ -51,8 +54,17 @@ class Corners:
             row = np.clip(np.searchsorted(known, wanted), 0, len(known) - 1)
             found = known[row] == wanted
             np.maximum.at(sharpness, row[found], mesh.sharpness[found])
+        points = np.zeros(len(mesh.vertices))
+        np.maximum.at(points, mesh.points, mesh.point_sharpness)
         valence = np.bincount(edges.ravel(), minlength=len(mesh.vertices))
-        return cls(edges, edge, edge[at], sharpness, valence)
+        return cls(edges, edge, edge[at], sharpness, points, valence)
+
+    def sharp_count(self, edges: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Sharp edges at the vertices, (n,), and three more where the vertex itself is sharp.
+
+        Two make a crease, more a corner.
+        """
+        return self.sum_over_edges(edges.astype(float)) + 3.0 * points
 
     def sum_over_edges(self, values: np.ndarray) -> np.ndarray:
         """Sums at the vertices of values of edges, (n, ...)."""
@@ -100,12 +112,16 @@ def _step(mesh: PolygonMesh) -> PolygonMesh:
     smooth = 0.5 * half + 0.25 * _sums(edge, middle[mesh.face_of], len(edges))
     share = np.minimum(sharp, 1.0)[:, None]
     on_edges = share * half + (1.0 - share) * smooth
-    now = _ruled(mesh, topology, middle, half, sharp)
+    points = topology.point_sharpness
+    points_after = np.where(points >= SHARP, points, np.maximum(points - 1.0, 0.0))
+    now = _ruled(mesh, topology, middle, half, sharp, points)
     ends = (sharp > 0.0) & (after == 0.0)
-    if ends.any():
-        then = _ruled(mesh, topology, middle, half, after)
+    points_end = (points > 0.0) & (points_after == 0.0)
+    if ends.any() or points_end.any():
+        then = _ruled(mesh, topology, middle, half, after, points_after)
         weight = topology.sum_over_edges(np.where(ends, sharp, 0.0))
-        count = topology.sum_over_edges(ends.astype(float))
+        weight += np.where(points_end, points, 0.0)
+        count = topology.sum_over_edges(ends.astype(float)) + points_end
         weight = np.where(count > 0, np.minimum(weight / np.maximum(count, 1.0), 1.0), 1.0)
         now = weight[:, None] * now + (1.0 - weight[:, None]) * then
     n, e = len(x), len(edges)
@@ -119,6 +135,8 @@ def _step(mesh: PolygonMesh) -> PolygonMesh:
         start=4 * np.arange(len(quads) + 1),
         creases=creases,
         sharpness=np.tile(after[kept], 2),
+        points=np.flatnonzero(points_after),
+        point_sharpness=points_after[points_after > 0.0],
         face_number=mesh.face_number[mesh.face_of],
         vertex_number=np.arange(n + e + len(mesh)),
     )
@@ -130,14 +148,15 @@ def _ruled(
     middle: np.ndarray,
     half: np.ndarray,
     sharp: np.ndarray,
+    points: np.ndarray,
 ) -> np.ndarray:
     """New places of the vertices by the number of sharp edges at them."""
     x, n = mesh.vertices, topology.valence[:, None].astype(float)
     around = _sums(mesh.corners, middle[mesh.face_of], len(x)) / n
     places = (around + 2.0 * topology.sum_over_edges(half) / n + (n - 3.0) * x) / n
     chosen = sharp > 0.0
-    if chosen.any():
-        count = topology.sum_over_edges(chosen.astype(float))
+    if chosen.any() or points.any():
+        count = topology.sharp_count(chosen, points > 0.0)
         crease = 0.75 * x + 0.125 * topology.sum_of_neighbours(x, chosen)
         places = np.where((count == 2)[:, None], crease, places)
         places = np.where((count > 2)[:, None], x, places)
@@ -156,9 +175,9 @@ def limit_points(mesh: PolygonMesh) -> np.ndarray:
     across = _sums(quads.ravel(), x[np.roll(quads, 2, axis=1).ravel()], len(x))
     places = n * n * x + 4.0 * topology.sum_of_neighbours(x, every) + across
     places /= n * (n + 5.0)
-    chosen = topology.sharpness > 0.0
-    if chosen.any():
-        count = topology.sum_over_edges(chosen.astype(float))
+    chosen, points = topology.sharpness > 0.0, topology.point_sharpness > 0.0
+    if chosen.any() or points.any():
+        count = topology.sharp_count(chosen, points)
         crease = (4.0 * x + topology.sum_of_neighbours(x, chosen)) / 6.0
         places = np.where((count == 2)[:, None], crease, places)
         places = np.where((count > 2)[:, None], x, places)

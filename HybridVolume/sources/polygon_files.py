@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
+import codecs
 import os
+import re
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -51,11 +53,15 @@ def read_polygons(path: str | os.PathLike) -> PolygonMesh:
             f"{path.name} cannot be read ({error.strerror})", remedy="check its name and place"
         ) from error
     try:
-        vertices, faces, creases = readers[suffix](content)
+        vertices, faces, creases, points = readers[suffix](content)
     except _Damaged as damage:
         raise InputError(f"{path.name}: {damage}", remedy="export the mesh again") from damage
     return PolygonMesh.of(
-        np.array(vertices, dtype=float).reshape(-1, 3), faces, creases, int(suffix == ".obj")
+        np.array(vertices, dtype=float).reshape(-1, 3),
+        faces,
+        creases,
+        int(suffix == ".obj"),
+        points=points,
     )
 
 
@@ -63,14 +69,18 @@ class _Damaged(Exception):
     """What is wrong with a file, and in which line."""
 
 
-_Content = tuple[list, list, list]
-"""Vertices, faces, creases."""
+_Content = tuple[list, list, list, list]
+"""Vertices, faces, creases, sharp vertices."""
+_DIGITS = 18
+"""Digits of the longest whole number that is taken for one."""
 
 
 def _lines(content: bytes) -> Iterator[tuple[int, list[str]]]:
     """Number and words of each line that has any; lines that end with a backslash go on."""
     held, first = "", 0
-    for number, line in enumerate(content.decode("utf-8", "replace").splitlines(), 1):
+    wide = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    text = content.decode("utf-16" if wide else "utf-8-sig", "replace")
+    for number, line in enumerate(re.split(r"\r\n|\n|\r", text), 1):
         line = line.split("#")[0].rstrip()
         first = first or number
         if line.endswith("\\"):
@@ -84,15 +94,19 @@ def _lines(content: bytes) -> Iterator[tuple[int, list[str]]]:
 
 def _numbers(words: list[str], kind: type, number: int) -> list:
     try:
-        return [kind(word) for word in words]
+        # Python itself would take 1_000 as well
+        if not any("_" in word or (kind is int and len(word) > _DIGITS) for word in words):
+            return [kind(word) for word in words]
     except ValueError:
-        raise _Damaged(f"line {number} has {' '.join(words)!r} where numbers must be") from None
+        pass
+    raise _Damaged(f"line {number} has {' '.join(words)!r} where numbers must be")
 
 
 def _read_obj(content: bytes) -> _Content:
     vertices: list = []
     faces: list = []
     creases: list = []
+    points: list = []
     for number, words in _lines(content):
         if words[0] == "v":
             if len(words) < 4:
@@ -104,17 +118,27 @@ def _read_obj(content: bytes) -> _Content:
                 raise _Damaged(f"line {number} has vertex 0; vertices count from 1 in OBJ files")
             faces.append([c - 1 if c > 0 else len(vertices) + c for c in corners])
         elif words[:2] == ["t", "crease"]:
-            # "t crease <integers>/<reals>/<texts> a b sharpness ...", vertices count from 0
-            counts = _numbers(words[2].split("/"), int, number) if len(words) > 2 else []
-            if len(counts) != 3 or len(words) < 3 + counts[0] + counts[1]:
-                raise _Damaged(f"line {number} has no readable crease")
-            ends = _numbers(words[3 : 3 + counts[0]], int, number)
-            sharp = _numbers(words[3 + counts[0] : 3 + counts[0] + counts[1]], float, number)
-            if len(ends) < 2 or len(sharp) not in (1, len(ends) - 1):
-                raise _Damaged(f"line {number} has no readable crease")
-            sharp = sharp * (len(ends) - 1) if len(sharp) == 1 else sharp
+            ends, sharp = _tag(words, number, 1)
             creases += list(zip(ends[:-1], ends[1:], sharp, strict=True))
-    return vertices, faces, creases
+        elif words[:2] == ["t", "corner"]:
+            points += list(zip(*_tag(words, number, 0), strict=True))
+    return vertices, faces, creases, points
+
+
+def _tag(words: list[str], number: int, between: int) -> tuple[list[int], list[float]]:
+    """Vertices, which count from 0, and sharpness of ``t crease`` or ``t corner``.
+
+    They are written ``t name integers/reals/texts`` with so many of each behind, one real for all
+    or one for each vertex or, of a crease, between two.
+    """
+    counts = _numbers(words[2].split("/"), int, number) if len(words) > 2 else []
+    if len(counts) == 3 and min(counts) >= 0 and len(words) >= 3 + counts[0] + counts[1]:
+        ends = _numbers(words[3 : 3 + counts[0]], int, number)
+        sharp = _numbers(words[3 + counts[0] : 3 + counts[0] + counts[1]], float, number)
+        wanted = len(ends) - between
+        if wanted > 0 and len(sharp) in (1, wanted):
+            return ends, sharp * wanted if len(sharp) == 1 else sharp
+    raise _Damaged(f"line {number} has no readable {words[1]}")
 
 
 def _read_off(content: bytes) -> _Content:
@@ -126,8 +150,8 @@ def _read_off(content: bytes) -> _Content:
     if len(words) > 1 and words[1].upper() == "BINARY":
         raise _Damaged("it is a binary OFF file; save it as text")
     header = words[0].upper()
-    if header not in ("OFF", "COFF", "NOFF", "CNOFF", "STOFF"):
-        raise _Damaged(f"it has a header {header}, which is not known here")
+    if not re.fullmatch("(ST)?C?N?OFF", header) or words[0].startswith("n"):
+        raise _Damaged(f"it has a header {words[0]}, which is not known here")
     rows = [(n, row) for n, row in lines if row[0].upper() != header or len(row) > 1]
     if rows and rows[0][1][0].upper() == header:
         rows[0] = (rows[0][0], rows[0][1][1:])
@@ -150,26 +174,32 @@ def _read_off(content: bytes) -> _Content:
         if count < 0 or len(row) < 1 + count:
             raise _Damaged(f"line {n} has no {count} vertices")
         faces.append(_numbers(row[1 : 1 + count], int, n))
-    return vertices, faces, []
+    return vertices, faces, [], []
 
 
 def _read_ply(content: bytes) -> _Content:
-    head, found, body = content.partition(b"end_header")
-    if not content.startswith(b"ply") or not found:
+    content = content.removeprefix(codecs.BOM_UTF8)
+    end = re.search(rb"^end_header[ \t]*(\r\n|\n|\r)", content, re.MULTILINE)
+    end = end or re.search(rb"\rend_header[ \t]*\r", content)
+    if not content.startswith(b"ply") or not end:
         raise _Damaged("it has no header of a PLY file")
-    body = body[2:] if body.startswith(b"\r\n") else body[1:]
+    head, body = content[: end.start()], content[end.end() :]
     form, elements = _ply_header(head.decode("ascii", "replace").splitlines())
     read = _ply_text if form == "ascii" else _ply_binary
     tables = read(body, elements, "<" if form == "binary_little_endian" else ">")
-    try:
-        columns = [tables["vertex"][axis] for axis in "xyz"]
-    except KeyError:
-        raise _Damaged("its vertices have no x, y and z") from None
+    columns = [tables.get("vertex", {}).get(axis) for axis in "xyz"]
+    if any(column is None or isinstance(next(iter(column), 0.0), list) for column in columns):
+        raise _Damaged("its vertices have no x, y and z")
     table = tables.get("face", {})
     name = next((n for n in ("vertex_indices", "vertex_index") if n in table), None)
     if name is None:
         raise _Damaged("it has no faces with vertex_indices")
-    return np.column_stack(columns).tolist(), [list(map(int, f)) for f in table[name]], []
+    faces = []
+    for row, values in enumerate(table[name]):
+        if not isinstance(values, list) or not all(float(value).is_integer() for value in values):
+            raise _Damaged(f"face {row} has vertices that are no whole numbers")
+        faces.append(list(map(int, values)))
+    return np.column_stack(columns).tolist(), faces, [], []
 
 
 _Element = tuple[str, int, list[tuple[str, str, str]]]
@@ -185,7 +215,7 @@ def _ply_header(lines: list[str]) -> tuple[str, list[_Element]]:
         elif words[:1] == ["element"] and len(words) == 3:
             elements.append((words[1], *_numbers(words[2:], int, number), []))
         elif words[:1] == ["property"] and elements:
-            is_list = words[1] == "list"
+            is_list = words[1:2] == ["list"]
             if len(words) != (5 if is_list else 3) or not set(words[1 + is_list : -1]) <= set(_PLY):
                 raise _Damaged(f"line {number} has no readable property")
             elements[-1][2].append((words[-1], words[-2], words[2] if is_list else ""))
@@ -200,10 +230,12 @@ def _ply_text(body: bytes, elements: list[_Element], order: str) -> dict[str, di
     tables: dict[str, dict[str, list]] = {}
     for name, count, properties in elements:
         table: dict[str, list] = {key: [] for key, _, _ in properties}
-        for row in range(count):
+        for row in range(count if properties else 0):
             for key, _, counted in properties:
                 try:
                     length = int(words[at]) if counted else 1
+                    if length < 0:
+                        raise ValueError
                     at += bool(counted)
                     values = [float(word) for word in words[at : at + length]]
                 except (ValueError, IndexError):
@@ -221,7 +253,7 @@ def _ply_binary(body: bytes, elements: list[_Element], order: str) -> dict[str, 
     tables: dict[str, dict[str, list]] = {}
     for name, count, properties in elements:
         table: dict[str, list] = {key: [] for key, _, _ in properties}
-        for row in range(count):
+        for row in range(count if properties else 0):
             for key, kind, counted in properties:
                 try:
                     length = 1
