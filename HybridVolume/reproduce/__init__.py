@@ -18,6 +18,7 @@ from HybridVolume.options import Parser
 FIGURES = {
     "midstructure": "the automatic midstructure of all bodies, up to their shells",
     "shell": "shells of many bodies at many levels, and what is demanded of them",
+    "quads": "quad meshes and cages: volumes, smoothness, limit surfaces, broken meshes",
     "fem": "finite element meshes: patch tests, sums of loads, accuracy",
 }
 """What can be made again: modules of this package, with ``add_arguments`` and ``run``."""

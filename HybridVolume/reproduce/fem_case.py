@@ -85,11 +85,11 @@ def run_case(folder: Path, channel: Channel) -> None:
     from HybridVolume.core.atomic import replacing
 
     task = json.loads((folder / protocol.OPTIONS_FILE).read_text(encoding="utf-8"))["options"]
-    started = time.perf_counter(), _processor()
+    started = time.perf_counter(), processor_seconds()
     try:
         figures = {**PARTS[task["part"]](task, folder, channel), "error": None}
     except Exception as fault:
-        figures = {"error": _told(fault).to_dict()}
+        figures = {"error": told(fault).to_dict()}
     values = {
         "name": task["name"],
         "part": task["part"],
@@ -98,13 +98,13 @@ def run_case(folder: Path, channel: Channel) -> None:
         "key": task["key"],
         **figures,
         "seconds": time.perf_counter() - started[0],
-        "seconds_cpu": _processor() - started[1],
+        "seconds_cpu": processor_seconds() - started[1],
     }
     with replacing(Path(task["cases"]) / f"{task['name']}.json") as file:
         file.write((json.dumps(values, indent=1, allow_nan=False) + "\n").encode())
 
 
-def _told(fault: Exception) -> HybridVolumeError:
+def told(fault: Exception) -> HybridVolumeError:
     """A fault of ours is a row as well: one case must not hide the others."""
     if isinstance(fault, HybridVolumeError):
         return fault
@@ -114,7 +114,7 @@ def _told(fault: Exception) -> HybridVolumeError:
     return FaultError(text.replace("\n", " "))
 
 
-def _processor() -> float:
+def processor_seconds() -> float:
     """Seconds of the processor that this process and its finished children have used."""
     try:
         import resource

@@ -1,0 +1,323 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""``./run.sh reproduce quads -o DIR``: quad meshes and cages, the whole way to finite elements.
+
+Writes ``quads.json`` (``cases``, ``many_patches``, ``smoothness``, ``limit_distance``,
+``exactness``, ``broken``) and ``quads.md`` (the part on quad meshes of docs/verification.md). Every
+case has a process of its own with a time limit. Finished cases are kept in ``DIR/cases`` and not
+done again, unless the program or the file has changed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from HybridVolume.errors import InputError
+from HybridVolume.freecad_python import import_freecad
+from HybridVolume.job import Job
+
+from .fem import Runner
+from .midstructure import PROJECT, write_json
+from .quads_broken import catalogue
+from .quads_inputs import INPUTS, MANY, SHELL, SURFACES, VALENCES, mesh_files
+from .shell import THREADS, machine
+
+VERSION = 1
+"""Of the JSON files."""
+PARTS = {
+    "cases": "cases",
+    "many": "many_patches",
+    "smoothness": "smoothness",
+    "limit": "limit_distance",
+    "exactness": "exactness",
+    "broken": "broken",
+}
+"""Parts, and what they are called in quads.json."""
+DATA = PROJECT.parent / "shared" / "data"
+TORUS_CELLS = (87, 32)
+"""Quads of the torus that ant is measured against, around and across: as many as ant has."""
+MANY_CASES = ("ant-patches", "ant-joined", "torus")
+BROKEN_LIMIT = 240.0
+"""Seconds for a broken mesh, which is small."""
+_SOURCES = ("core/**/*.py", "sources/*.py", "solids.py", "completion.py")
+_OWN = {
+    "cases": ("quads_case.py", "quads_shell.py", "quads_clock.py"),
+    "many": ("quads_case.py", "quads_clock.py", "quads_inputs.py"),
+    "smoothness": ("quads_smoothness.py", "quads_pieces.py"),
+    "limit": ("quads_limit.py", "quads_pieces.py"),
+    "exactness": ("quads_exactness.py",),
+    "broken": ("quads_case.py", "quads_broken.py"),
+}
+"""Files that decide whether a case has to be done again, of the package and of this folder."""
+
+
+class CaseJob(Job):
+    """One case; its process writes it to the folder of cases."""
+
+    module = "HybridVolume.reproduce.quads_case"
+
+    def answers(self) -> list[str]:
+        """Nothing besides the case."""
+        return []
+
+
+@dataclass
+class Case:
+    """One case.
+
+    Attributes
+    ----------
+    name : str
+        Of its file.
+    part : str
+        One of ``PARTS``.
+    case : str
+        What it is about.
+    task : dict
+        What its process is told besides.
+    file : Path or None
+        The mesh that it needs.
+    """
+
+    name: str
+    part: str
+    case: str
+    task: dict[str, Any] = field(default_factory=dict)
+    file: Path | None = None
+    after: None = None
+    """No case waits for another one."""
+
+    def key(self) -> str:
+        """What the figures depend on."""
+        told = {name: value for name, value in self.task.items() if name != "output"}
+        words = repr((VERSION, _program(self.part), self.name, sorted(told.items())))
+        digest = hashlib.sha256(words.encode())
+        if self.file is not None:
+            digest.update(self.file.read_bytes())
+        return digest.hexdigest()[:16]
+
+
+@cache
+def _program(part: str) -> str:
+    """What the numbers of a part are made by, as it was when this program started."""
+    package = Path(__file__).resolve().parents[1]
+    files = {path for pattern in _SOURCES for path in package.glob(pattern)}
+    files |= {Path(__file__).parent / name for name in _OWN[part]}
+    digest = hashlib.sha256()
+    for path in sorted(files):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the command line takes."""
+    parser.add_argument(
+        "--data",
+        nargs="+",
+        metavar="FILE|DIR",
+        help="mesh files, or folders that have them (default: ../shared/data)",
+    )
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        metavar="PART|CASE",
+        help=f"{', '.join(PARTS)}, or names of cases as fish; the others are left out",
+    )
+    parser.add_argument(
+        "--gather", action="store_true", help="do nothing new: tables of what is finished"
+    )
+    parser.add_argument("--again", action="store_true", help="do finished cases again")
+    parser.add_argument(
+        "--time-limit", type=float, default=1500.0, metavar="S", help="seconds for a case (1500)"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Make all figures.
+
+    Returns
+    -------
+    int
+        0 when every demand that could be asked is met, else 1.
+
+    Raises
+    ------
+    HybridVolumeError
+        A name is unknown, or there is no worker.
+    """
+    from .quads_demands import demands
+    from .quads_table import as_markdown
+
+    started = time.perf_counter()
+    folder = Path(options.output)
+    (folder / "cases").mkdir(parents=True, exist_ok=True)
+    files = mesh_files(options.data or ([DATA] if DATA.is_dir() else []))
+    every, missing = all_cases(files, folder)
+    cases = _chosen(every, options.only)
+    # two cases at a time, one thread each: their seconds do not depend on one another
+    for name in THREADS:
+        os.environ.setdefault(name, "1")
+    runner = QuadRunner(folder, options.time_limit, options.again)
+    if not options.gather:
+        import_freecad()
+        runner.run(cases)
+    found: dict[str, Any] = {
+        "version": VERSION,
+        "machine": machine(),
+        "missing": missing,
+        **runner.collected(cases),
+    }
+    found["demands"] = demands(found)
+    found["seconds"] = time.perf_counter() - started
+    write_json(folder / "quads.json", found)
+    text = as_markdown(found)
+    (folder / "quads.md").write_text(text, encoding="utf-8")
+    runner.screen.line(text)
+    unmet = [row for row in found["demands"] if row["met"] is False]
+    runner.screen.line(f"{folder / 'quads.md'}: {len(unmet)} of {len(found['demands'])} demands "
+                       f"not met ({found['seconds']:.0f} s)")  # fmt: skip
+    failed = [case["name"] for part in PARTS.values() for case in found[part] if case["error"]]
+    if failed:
+        runner.screen.line(f"cases with an error: {', '.join(failed)}")
+    return 1 if unmet or failed or found["not_done"] else 0
+
+
+def all_cases(files: Mapping[str, Path], folder: Path) -> tuple[list[Case], list[str]]:
+    """All cases, the longest first, and names of files that are not there.
+
+    Parameters
+    ----------
+    files : mapping of str to Path
+        As of :func:`mesh_files`.
+    folder : Path
+        Where the volumes are written.
+    """
+    wanted = dict.fromkeys([*(one.file for one in INPUTS), *SURFACES, MANY])
+    missing = [name for name in wanted if name not in files]
+    cases = []
+    for one in INPUTS:
+        if one.file in files:
+            task = {
+                "input": one.file, "file": str(files[one.file]), "scheme": one.scheme,
+                "way": one.way, "words": ["--scheme", one.scheme],
+                "output": str((folder / "volumes" / one.name).resolve()),
+            }  # fmt: skip
+            cases.append(Case(one.name, "cases", one.name, task, files[one.file]))
+    return [
+        *cases,
+        *_many(files, folder),
+        *_surfaces(files),
+        *(Case(f"exactness-{name}", "exactness", name, {"body": name}) for name in _bodies()),
+        *(
+            Case(f"broken-{one.name}", "broken", one.name,
+                 {"mesh": one.name, "time_limit": BROKEN_LIMIT})
+            for one in catalogue()
+        ),
+    ], missing  # fmt: skip
+
+
+def _many(files: Mapping[str, Path], folder: Path) -> list[Case]:
+    """A body of thousands of patches, and bodies of as many control points in few patches."""
+    if MANY not in files:
+        return []
+    file = {"file": str(files[MANY])}
+    tasks: dict[str, dict[str, Any]] = {
+        "ant-patches": {**file, "words": ["--scheme", "bilinear"]},
+        "ant-joined": {**file, "made": "joined", "words": []},
+        "torus": {
+            "made": "torus",
+            "cells": list(TORUS_CELLS),
+            "words": ["--scheme", "catmull-clark", "--steps", "0"],
+        },
+    }
+    return [
+        Case(f"many-{name}", "many", name,
+             {**tasks[name], "output": str((folder / "volumes" / f"many-{name}").resolve())},
+             files[MANY])
+        for name in MANY_CASES
+    ]  # fmt: skip
+
+
+def _surfaces(files: Mapping[str, Path]) -> list[Case]:
+    """Smoothness of all meshes and of spindles of many valences, and distances from limits."""
+    cases = []
+    for name in SURFACES:
+        if name in files:
+            stem, path = Path(name).stem, files[name]
+            for scheme in ("smooth", "catmull-clark"):
+                cases.append(Case(f"smoothness-{stem}-{scheme}", "smoothness", stem,
+                                  {"file": str(path), "scheme": scheme}, path))  # fmt: skip
+            cases.append(Case(f"limit-{stem}", "limit", stem, {"file": str(path)}, path))
+    for valence in VALENCES:
+        cases.append(Case(f"smoothness-spindle-{valence}", "smoothness", f"spindle {valence}",
+                          {"spindle": valence, "scheme": "smooth"}))  # fmt: skip
+    cases.append(Case("limit-torus", "limit", "torus of regular quads", {"torus": [12, 8]}))
+    return cases
+
+
+def _bodies() -> tuple[str, ...]:
+    from .quads_exactness import BODIES
+
+    return BODIES
+
+
+def _chosen(cases: Sequence[Case], only: Sequence[str] | None) -> list[Case]:
+    """Cases that are asked for.
+
+    Raises
+    ------
+    InputError
+        A word is no part and no case.
+    """
+    if not only:
+        return list(cases)
+    names = {case.name for case in cases}
+    unknown = [word for word in only if word not in PARTS and word not in names]
+    if unknown:
+        raise InputError(
+            f"{', '.join(unknown)}: no such part or case",
+            remedy=f"parts are {', '.join(PARTS)}, cases {', '.join(sorted(names))}",
+        )
+    return [case for case in cases if case.part in only or case.name in only]
+
+
+class QuadRunner(Runner):
+    """Works on cases of quad meshes, two at a time, in FreeCAD's Python."""
+
+    def _start(self, case: Case) -> tuple[CaseJob, Case, float]:
+        (self.cases / f"{case.name}.json").unlink(missing_ok=True)
+        own = {
+            **case.task,
+            "cases": str(self.cases.resolve()),
+            "name": case.name,
+            "part": "shell" if case.task.get("way") == SHELL else case.part,
+            "case": case.case,
+            "key": case.key(),
+        }
+        job = CaseJob((), name=case.name, options=own, python=self.python)
+        job.prepare()
+        # FreeCAD's modules belong to the Python that runs this
+        job.python = sys.executable
+        job.start()
+        return job, case, time.perf_counter()
+
+    def collected(self, cases: Sequence[Case]) -> dict[str, Any]:
+        """All finished cases, by their part, and the names of the others."""
+        found: dict[str, Any] = {name: [] for name in PARTS.values()}
+        found["not_done"] = []
+        for case in cases:
+            values = self.read(case.name)
+            if values is None or values.pop("key", "") != case.key():
+                found["not_done"].append(case.name)
+            if values is not None:
+                found[PARTS[case.part]].append(values)
+        return found
