@@ -12,7 +12,7 @@ from PySide import QtCore
 from .thickness_form import Length
 
 LEAST_ASPECT = 2.0
-"""Below this no aspect can be asked for; the field shows its lowest value as "any"."""
+"""Below this no aspect can be asked for but 0, which the field shows as "any"."""
 
 
 class SpansForm:
@@ -30,9 +30,9 @@ class SpansForm:
         self._form = form
         self._size = Length(form.spanSize, self._tell)
         self._size.step(float(f"{0.1 * size:.1g}"))
-        for box in (form.spanAspect, form.spanTurn):
-            box.valueChanged.connect(lambda *_: self._tell())
-        form.spanAspect.editingFinished.connect(self._lift)
+        self._aspect = form.spanAspect.value()
+        form.spanAspect.valueChanged.connect(self._lift)
+        form.spanTurn.valueChanged.connect(lambda *_: self._tell())
         form.spansToggle.toggled.connect(self._open)
         self._open(False)
 
@@ -40,10 +40,9 @@ class SpansForm:
     def values(self) -> dict[str, float]:
         """Values of `objects.spans.DEFAULTS`, by name."""
         form = self._form
-        aspect = form.spanAspect.value()
         return {
             "SpanSize": self._size.value,
-            "SpanAspect": max(aspect, LEAST_ASPECT) if aspect > form.spanAspect.minimum() else 0.0,
+            "SpanAspect": form.spanAspect.value(),
             "SpanTurn": form.spanTurn.value(),
         }
 
@@ -60,7 +59,7 @@ class SpansForm:
         """Show values, as :attr:`values` gives them."""
         form = self._form
         self._size.value = values["SpanSize"]
-        form.spanAspect.setValue(values["SpanAspect"] or form.spanAspect.minimum())
+        form.spanAspect.setValue(values["SpanAspect"])
         form.spanTurn.setValue(values["SpanTurn"])
         self._tell()
 
@@ -70,11 +69,14 @@ class SpansForm:
         form.spansBox.setVisible(on)
         self._tell()
 
-    def _lift(self) -> None:
-        """Show an aspect between "any" and the least as the least."""
-        box = self._form.spanAspect
-        if box.minimum() < box.value() < LEAST_ASPECT:
-            box.setValue(LEAST_ASPECT)
+    def _lift(self, value: float) -> None:
+        """Leave out what lies between "any" and the least: a step up ends at the least."""
+        if 0.0 < value < LEAST_ASPECT:
+            down = value == self._aspect - self._form.spanAspect.singleStep()
+            self._form.spanAspect.setValue(0.0 if down else LEAST_ASPECT)
+            return
+        self._aspect = value
+        self._tell()
 
     def _tell(self) -> None:
         closed = not self._form.spansToggle.isChecked()
