@@ -73,7 +73,7 @@ RUNS = (
             "test_core_surface*.py",
             "test_core_validity*.py",
         ),
-        lane="core",
+        lane="beside",
     ),
     Run(
         "free-only",
@@ -82,14 +82,14 @@ RUNS = (
         # what calls a mesher; nothing else asks for these parts
         files=tuple(f"test_core_{name}*.py" for name in ("tetmesh", "interior", "free")),
         variables={"HYBRIDVOLUME_FREE_ONLY": "1"},
-        lane="core",
+        lane="beside",
     ),
     Run(
         "freecad",
         "inside FreeCAD's Python",
         DISTRIBUTION,
         files=("test_freecad_*.py",),
-        lane="freecad",
+        lane="beside",
     ),
     Run(
         "gui",
