@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""Shell and core as one space: the core's nodes on the interface follow the shell (section 3.4).
+
+u_T(x_i) = sum_j R_j(t_i) alpha_j at every node x_i of the core on the interface. With C the matrix
+from the unknowns that are left to those of both spaces, K = C' diag(K_N, K_T) C is symmetric and
+positive whenever both are, and needs no parameter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from .spline_space import SplineSpace
+from .tet_space import TetSpace
+
+
+@dataclass(frozen=True)
+class HybridSpace:
+    """The shell's splines and the core's polynomials, coupled by collocation.
+
+    Unknowns are those of the shell, and after them the core's nodes off the interface.
+
+    Attributes
+    ----------
+    spline : SplineSpace
+    tets : TetSpace
+    """
+
+    spline: SplineSpace
+    tets: TetSpace
+
+    @cached_property
+    def free_nodes(self) -> np.ndarray:
+        """Nodes of the core that are unknowns themselves."""
+        free = np.ones(self.tets.size, dtype=bool)
+        free[self.tets.interface] = False
+        return np.flatnonzero(free)
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns (of one component)."""
+        return self.spline.size + len(self.free_nodes)
+
+    @cached_property
+    def trace(self) -> sparse.csr_matrix:
+        """Values R_j(t_i) of the shell's functions at the interface's nodes, (k, n_spline)."""
+        core = self.tets
+        return self.spline.basis_at(core.interface_patch, core.interface_uv, core.interface_w)
+
+    @cached_property
+    def constraint(self) -> sparse.csr_matrix:
+        """The matrix C, (n_spline + n_tets, size)."""
+        core, count = self.tets, len(self.free_nodes)
+        k = len(core.interface)
+        follow = sparse.csr_matrix((np.ones(k), (core.interface, np.arange(k))), (core.size, k))
+        own = sparse.csr_matrix(
+            (np.ones(count), (self.free_nodes, np.arange(count))), (core.size, count)
+        )
+        identity = sparse.identity(self.spline.size, format="csr")
+        return sparse.bmat([[identity, None], [follow @ self.trace, own]], format="csr")
+
+    def together(self, shell: sparse.spmatrix, core: sparse.spmatrix) -> sparse.csr_matrix:
+        """A matrix of both spaces over the coupled unknowns, C' diag(shell, core) C."""
+        both = sparse.block_diag([shell, core], format="csr")
+        return (self.constraint.T @ both @ self.constraint).tocsr()
+
+    def loaded(self, shell: np.ndarray, core: np.ndarray) -> np.ndarray:
+        """A vector of both spaces over the coupled unknowns, C' (shell, core)."""
+        return self.constraint.T @ np.concatenate([shell, core])
+
+    def parts(self, solution: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Coefficients of the shell and values at all nodes of the core."""
+        both = self.constraint @ solution
+        return both[: self.spline.size], both[self.spline.size :]

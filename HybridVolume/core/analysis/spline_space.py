@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""Splines of the shell as a space of unknowns: the same functions that map the shell.
+
+An unknown belongs to a control point of the shell, column l and layer k: number k n + l, where n
+is the number of columns. Its function is R = w N / W with the tensor B-splines N, the weights w
+and W = sum w N, so that rigid motions and constant strains are in the space (isoparametric).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from .. import bspline
+from ..bezier import bernstein
+from ..elements import gauss_line
+from ..shell import Shell
+from ..spans import ElementGroup
+
+_BLOCK = 2_000_000
+"""Values of basis functions that are held at once, which bounds the memory."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Functions of a space at quadrature points of some elements.
+
+    Attributes
+    ----------
+    element : (ne,) int array
+        Numbers of the elements, as in `Shell.element_patch` for a space over the shell's layers.
+    unknowns : (ne, nl) int array
+        Unknowns whose functions do not vanish there.
+    points : (ne, nq, 3) array
+        mm
+    values : (ne, nq, nl) array
+    gradients : (ne, nq, 3, nl) array
+        1/mm
+    measure : (ne, nq) array
+        det J times the weight of the quadrature, mm³.
+    """
+
+    element: np.ndarray
+    unknowns: np.ndarray
+    points: np.ndarray
+    values: np.ndarray
+    gradients: np.ndarray
+    measure: np.ndarray
+
+
+@dataclass(frozen=True)
+class SplineSpace:
+    """The space over a shell, made finer through the thickness if wanted.
+
+    Attributes
+    ----------
+    shell : Shell
+    parts : int
+        Parts that each of the shell's layers is cut into.
+    """
+
+    shell: Shell
+    parts: int = 1
+
+    @cached_property
+    def knots_w(self) -> np.ndarray:
+        """Knots through the thickness."""
+        knots = self.shell.knots_w
+        lines = bspline.breakpoints(knots)
+        share = np.arange(1, self.parts) / self.parts
+        new = (lines[:-1, None] + np.diff(lines)[:, None] * share).ravel()
+        return np.sort(np.concatenate([knots, new]))
+
+    @cached_property
+    def homogeneous(self) -> np.ndarray:
+        """Control points (w x, w y, w z, w) of layers and columns, (nw, n, 4)."""
+        surface = self.shell.surface
+        points = np.concatenate([self.shell.layers, np.ones((*self.shell.layers.shape[:2], 1))], 2)
+        weights = np.ones(len(surface.control_points))
+        for patch in surface.patches:
+            weights[patch.index] = patch.weights
+        points[0] *= weights[:, None]
+        matrix = bspline.insertion_matrix(self.shell.degree_w, self.shell.knots_w, self.knots_w)
+        return np.tensordot(matrix, points, 1)
+
+    @property
+    def columns(self) -> int:
+        """Number of columns."""
+        return self.homogeneous.shape[1]
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns (of one component)."""
+        return self.homogeneous.shape[0] * self.columns
+
+    @cached_property
+    def control_points(self) -> np.ndarray:
+        """Control points of all unknowns, (size, 3), mm: coefficients of the map itself."""
+        points = self.homogeneous.reshape(-1, 4)
+        return points[:, :3] / points[:, 3:]
+
+    @cached_property
+    def outer(self) -> np.ndarray:
+        """Unknowns whose functions do not vanish on the outer boundary."""
+        return np.arange(self.columns)
+
+    @cached_property
+    def inner(self) -> np.ndarray:
+        """Unknowns whose functions do not vanish on the inner boundary."""
+        return np.arange(self.size - self.columns, self.size)
+
+    def samples(self, points: int | None = None) -> Iterator[Samples]:
+        """Functions at Gauss points of all elements, a block at a time.
+
+        Parameters
+        ----------
+        points : int, optional
+            Gauss points a direction; by default one more than the highest degree.
+        """
+        shell = self.shell
+        spans = bspline.bezier_extraction(shell.degree_w, self.knots_w)
+        for group in shell.surface.groups:
+            degrees = (*group.degrees, shell.degree_w)
+            count = points or max(degrees) + 1
+            size = int(np.prod([d + 1 for d in degrees])) * count**3 * 4
+            for rows in np.array_split(
+                np.arange(len(group.element)), 1 + len(group.element) * size // _BLOCK
+            ):
+                for layer, (first, operator) in enumerate(zip(*spans, strict=True)):
+                    yield self._sampled(group, rows, layer, int(first), operator, count)
+
+    def _sampled(
+        self,
+        group: ElementGroup,
+        rows: np.ndarray,
+        layer: int,
+        first: int,
+        operator: np.ndarray,
+        count: int,
+    ) -> Samples:
+        """Samples of one layer over some spans of the surface."""
+        x, weight = gauss_line(count)
+        tables = []
+        for degree, extraction in (
+            (group.degrees[0], group.extraction_u[rows]),
+            (group.degrees[1], group.extraction_v[rows]),
+            (self.shell.degree_w, operator[None]),
+        ):
+            tables.append([bernstein(degree, x, d) @ extraction for d in (0, 1)])
+        index = group.index[rows]
+        layers = first + np.arange(self.shell.degree_w + 1)
+        unknowns = (layers * self.columns + index[..., None]).reshape(len(rows), -1)
+        net = self.homogeneous.reshape(-1, 4)[unknowns]
+        heavy = net[..., 3]
+        # values and derivatives of w N along u, v and w at all points
+        parts = [
+            _products([table[int(axis == d)] for axis, table in enumerate(tables)])
+            * heavy[:, None, :]
+            for d in (-1, 0, 1, 2)
+        ]
+        euclidean = net[..., :3] / heavy[..., None]
+        total = [part.sum(axis=2)[..., None] for part in parts]
+        values = parts[0] / total[0]
+        along = np.stack(
+            [
+                (part - values * sums) / total[0]
+                for part, sums in zip(parts[1:], total[1:], strict=True)
+            ],
+            axis=2,
+        )
+        # u and v change places in the shell, so that det J is positive
+        jacobian = along @ euclidean[:, None]
+        determinant = -np.linalg.det(jacobian)
+        number = self.parts * (len(bspline.breakpoints(self.shell.knots_w)) - 1)
+        return Samples(
+            group.element[rows] * number + layer,
+            unknowns,
+            values @ euclidean,
+            values,
+            np.linalg.solve(jacobian, along),
+            determinant * _products([weight[None, None]] * 3)[0, 0],
+        )
+
+    def basis_at(self, patch: np.ndarray, uv: np.ndarray, w: np.ndarray) -> sparse.csr_matrix:
+        """Functions of all unknowns at m places, (m, size).
+
+        Parameters
+        ----------
+        patch : (m,) int array
+        uv : (m, 2) array
+            Parameters on the surface patch.
+        w : (m,) array
+            0 on the outer boundary, 1 on the inner one.
+        """
+        along = self.shell.surface.basis_at(patch, *uv.T).tocsr()
+        first, across = bspline.basis_functions(self.shell.degree_w, self.knots_w, w)
+        inside = np.diff(along.indptr)
+        row = np.repeat(np.arange(len(w)), inside)
+        layers = first[row][:, None] + np.arange(self.shell.degree_w + 1)
+        columns = layers * self.columns + along.indices[:, None]
+        weights = self.homogeneous.reshape(-1, 4)[columns, 3]
+        values = along.data[:, None] * across[row] * weights
+        total = np.bincount(row, values.sum(axis=1), len(w))
+        values /= total[row][:, None]
+        rows = np.broadcast_to(row[:, None], columns.shape)
+        data = values.ravel(), (rows.ravel(), columns.ravel())
+        return sparse.csr_matrix(data, shape=(len(w), self.size))
+
+
+def _products(tables: list[np.ndarray]) -> np.ndarray:
+    """Tensor products of three tables (ne or 1, n, m), as (ne, n³, m³)."""
+    a, b, c = tables
+    two = a[:, :, None, :, None] * b[:, None, :, None, :]
+    two = two.reshape(len(two), a.shape[1] * b.shape[1], -1)
+    three = two[:, :, None, :, None] * c[:, None, :, None, :]
+    return three.reshape(len(three), two.shape[1] * c.shape[1], -1)
