@@ -46,6 +46,43 @@ def most_inward(vectors: np.ndarray, valid: np.ndarray, rounds: int = 200) -> np
     return np.where(length > 1e-12, best / np.maximum(length, 1e-300), 0.0)
 
 
+def in_half_space(vectors: np.ndarray, margin: float, rounds: int = 1000) -> np.ndarray:
+    """Whether a direction d has n . d > margin for all of some unit vectors n, (m,) bool.
+
+    The same steps as `most_inward`. A set is settled as soon as a direction is found, or when the
+    hull is known to come so near to the origin that there is none.
+
+    Parameters
+    ----------
+    vectors : (m, k, 3) array
+    margin : float
+        Larger than 0.
+    rounds : int
+        Sets that are not settled after so many steps count as not found.
+    """
+    found = np.zeros(len(vectors), dtype=bool)
+    left = np.arange(len(vectors))
+    d = vectors.mean(axis=1)
+    for _ in range(rounds):
+        if not len(left):
+            break
+        along = np.einsum("mki,mi->mk", vectors, d)
+        worst = along.argmin(axis=1)
+        rows = np.arange(len(left))
+        length = np.linalg.norm(d, axis=1)
+        least = along[rows, worst] / np.maximum(length, 1e-300)
+        found[left[least > margin]] = True
+        step = vectors[rows, worst] - d
+        size = np.einsum("mi,mi->m", step, step)
+        share = np.clip(-np.einsum("mi,mi->m", d, step) / np.maximum(size, 1e-300), 0.0, 1.0)
+        # no direction has more than the length of a point of the hull
+        stay = (least <= margin) & (length > margin) & (share >= 1e-7)
+        d = d + share[:, None] * step
+        if not stay.all():
+            left, d, vectors = left[stay], d[stay], vectors[stay]
+    return found
+
+
 def widest_direction(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unit directions d that make the smallest v . d over a few vectors as large as possible.
 

@@ -31,7 +31,7 @@ import numpy as np
 from .bound import place_numbers
 from .boxtree import BoxTree
 from .bspline import bezier_elevation
-from .cones import most_inward
+from .cones import in_half_space
 from .jacobian import halving_matrix
 from .surface import PatchSurface
 
@@ -302,9 +302,7 @@ def _half_space(vectors: np.ndarray, guess: np.ndarray) -> np.ndarray:
     found = np.einsum("mki,mi->mk", vectors, guess).min(axis=1) > MARGIN
     rows = np.flatnonzero(~found)
     if len(rows):
-        part = vectors[rows]
-        best = most_inward(part, np.ones(part.shape[:2], dtype=bool), _ROUNDS)
-        found[rows] = np.einsum("mki,mi->mk", part, best).min(axis=1) > MARGIN
+        found[rows] = in_half_space(vectors[rows], MARGIN, _ROUNDS)
     return found
 
 

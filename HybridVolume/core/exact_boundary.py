@@ -51,7 +51,8 @@ def boundary_of(
     row = place[triangles]
     if len(mesh.surface_nodes):
         patch = np.where(row >= 0, mesh.surface_patch[row], -1)
-        names = np.array([mesh.face_names.index(p.face) for p in surface.patches])
+        number = {name: k for k, name in enumerate(mesh.face_names)}
+        names = np.array([number[p.face] for p in surface.patches])
         same = (patch >= 0) & (names[patch] == mesh.boundary_face[:, None])
         _fill(normals, mesh, surface, np.where(same, patch, -1), mesh.surface_uv[row])
     return Boundary(triangles, mesh.boundary_face, normals, pressure=pressure)

@@ -13,6 +13,7 @@ from scipy import sparse
 
 from ..errors import InputError
 from . import bspline
+from .evaluation import grid_quads
 from .surface import PatchSurface
 
 EVENED = (0.25, 0.5, 0.75)
@@ -279,11 +280,10 @@ def _ratio_of_first(share: np.ndarray, count: int) -> np.ndarray:
 
 def _area_vectors(surface: PatchSurface, points: np.ndarray) -> np.ndarray:
     """Inward dual area vector of every control point on the net, (n, 3), mm²."""
-    area = np.zeros_like(points)
-    for patch in surface.patches:
-        grid = patch.index
-        x = points[grid]
-        cell = -0.5 * np.cross(x[1:, 1:] - x[:-1, :-1], x[:-1, 1:] - x[1:, :-1]) / 4.0
-        for corner in (grid[:-1, :-1], grid[1:, :-1], grid[:-1, 1:], grid[1:, 1:]):
-            np.add.at(area, corner, cell)
-    return area
+    corners = grid_quads([patch.index for patch in surface.patches])
+    x = points[corners]
+    cell = -0.5 * np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]) / 4.0
+    share = np.repeat(cell, 4, axis=0)
+    return np.column_stack(
+        [np.bincount(corners.ravel(), part, minlength=len(points)) for part in share.T]
+    )

@@ -454,17 +454,17 @@ def _areas(mesh: SurfaceMesh) -> np.ndarray:
 def _between_nodes(surface: PatchSurface, mesh: SurfaceMesh, values: np.ndarray) -> np.ndarray:
     """Values at the vertices of a mesh from those at the Greville points, bilinear between."""
     found = np.empty(len(mesh.vertices))
-    order = np.argsort(mesh.vertex_patch, kind="stable")
-    bounds = np.searchsorted(mesh.vertex_patch[order], np.arange(len(surface.patches) + 1))
-    for k, patch in enumerate(surface.patches):
-        members = order[bounds[k] : bounds[k + 1]]
+    stack_of, place = surface.stack_of
+    number = stack_of[mesh.vertex_patch]
+    for k, stack in enumerate(surface.stacks):
+        members = np.flatnonzero(number == k)
         (i, s), (j, t) = (
-            _bracket(bspline.greville(patch.degrees[axis], patch.knots[axis]), places)
+            _bracket(bspline.greville(stack.degrees[axis], stack.knots[axis]), places)
             for axis, places in enumerate(mesh.vertex_uv[members].T)
         )
-        grid = values[patch.index]
-        low = (1.0 - s) * grid[i, j] + s * grid[i + 1, j]
-        high = (1.0 - s) * grid[i, j + 1] + s * grid[i + 1, j + 1]
+        grid, own = values[stack.index], place[mesh.vertex_patch[members]]
+        low = (1.0 - s) * grid[own, i, j] + s * grid[own, i + 1, j]
+        high = (1.0 - s) * grid[own, i, j + 1] + s * grid[own, i + 1, j + 1]
         found[members] = (1.0 - t) * low + t * high
     return found
 

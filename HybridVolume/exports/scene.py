@@ -335,15 +335,19 @@ class Cut:
         """Whether the middle of each parameter triangle lies in a kept cell."""
         middle = uv.mean(axis=1)
         covered = np.zeros(len(uv), dtype=bool)
-        for k, p in enumerate(self.shell.surface.patches):
-            chosen = np.flatnonzero(patch == k)
-            own = np.flatnonzero(self.patch == k)
-            lines = [np.unique(knots) for knots in p.knots]
+        cells = np.argsort(self.patch, kind="stable")
+        surface = self.shell.surface
+        start = np.searchsorted(self.patch[cells], np.arange(len(surface.patches)))
+        number = surface.stack_of[0][patch]
+        for k, stack in enumerate(surface.stacks):
+            chosen = np.flatnonzero(number == k)
+            lines = [np.unique(knots) for knots in stack.knots]
             i, j = (
                 np.clip(np.searchsorted(x, m, side="right") - 1, 0, len(x) - 2)
                 for x, m in zip(lines, middle[chosen].T, strict=True)
             )
-            covered[chosen] = self.kept[own[i * (len(lines[1]) - 1) + j]]
+            own = cells[start[patch[chosen]] + i * (len(lines[1]) - 1) + j]
+            covered[chosen] = self.kept[own]
         return covered
 
     def _knot_lines(self, uv: np.ndarray, x: np.ndarray, bary: np.ndarray) -> None:
@@ -373,16 +377,13 @@ class Cut:
         self, surface, patch: np.ndarray, uv: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Points and unit normals at (m, k, 2) parameters of m patches."""
-        x, normals = np.empty((*uv.shape[:2], 3)), np.empty((*uv.shape[:2], 3))
-        for k in np.unique(patch):
-            chosen = patch == k
-            point, x_u, x_v = surface.evaluate(int(k), *uv[chosen].reshape(-1, 2).T, derivative=1)
-            normal = np.cross(x_u, x_v)
-            length = np.linalg.norm(normal, axis=1, keepdims=True)
-            x[chosen] = point.reshape(-1, uv.shape[1], 3)
-            normal = normal / np.maximum(length, np.finfo(float).tiny)
-            normals[chosen] = normal.reshape(-1, uv.shape[1], 3)
-        return x, normals
+        shape = (*uv.shape[:2], 3)
+        on = np.repeat(patch, uv.shape[1])
+        x, x_u, x_v = surface.evaluate_at(on, *uv.reshape(-1, 2).T, derivative=1)
+        normals = np.cross(x_u, x_v)
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        normals /= np.maximum(length, np.finfo(float).tiny)
+        return x.reshape(shape), normals.reshape(shape)
 
     def _outline(self, x: np.ndarray, cells: np.ndarray) -> None:
         """Sides of cells: boundaries of patches thick, knot lines thin."""
@@ -406,12 +407,11 @@ def outline(surface: PatchSurface) -> Wire:
     """Sides of all patches."""
     t = np.linspace(0.0, 1.0, 33)
     zero, one = np.zeros(33), np.ones(33)
-    lines = [
-        surface.evaluate(k, u, v)
-        for k in range(len(surface.patches))
-        for u, v in ((zero, t), (one, t), (t, zero), (t, one))
-    ]
-    return Wire(np.array(lines), EDGE, 1.2)
+    u, v = np.concatenate([zero, one, t, t]), np.concatenate([t, t, zero, one])
+    count = len(surface.patches)
+    patch = np.repeat(np.arange(count), len(u))
+    lines = surface.evaluate_at(patch, np.tile(u, count), np.tile(v, count))
+    return Wire(lines.reshape(-1, 33, 3), EDGE, 1.2)
 
 
 def quads(x: np.ndarray, normals: np.ndarray | None, colour: tuple[float, float, float]) -> Skin:

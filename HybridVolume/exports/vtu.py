@@ -136,8 +136,8 @@ def _add_shell(grid: _Grid, volume: HybridVolume) -> None:
     quality = scaled_jacobian(batches)
     bound = np.empty(shell.element_count)
     bound[certificate.element] = certificate.min_bernstein
-    names = volume.fem.face_names
-    face = np.array([names.index(patch.face) for patch in shell.surface.patches])
+    place = {name: k for k, name in enumerate(volume.fem.face_names)}
+    face = np.array([place[patch.face] for patch in shell.surface.patches])
     points, weights, orders = [], [], []
     for batch in batches:
         order = bezier_order(batch.degrees)

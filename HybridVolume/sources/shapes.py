@@ -356,14 +356,19 @@ def check_against_cad(body: Body, surface: PatchSurface) -> float:
     """
     faces = body.shape.Faces
     worst = 0.0
+    count = len(surface.patches)
+    places = np.array([random_parameters(k) for k in range(count)])  # (patches, 2, 25)
+    on = np.repeat(np.arange(count), places.shape[2])
+    u_all, v_all = places[:, 0].ravel(), places[:, 1].ravel()
+    points = surface.evaluate_at(on, u_all, v_all).reshape(count, -1, 3)
+    # turning a patch over exchanges its parameters
+    turned = surface.evaluate_at(on, v_all, u_all).reshape(count, -1, 3)
     for k, (given, patch) in enumerate(zip(body.faces, surface.patches, strict=True)):
         face = faces[int(given.name.removeprefix("Face")) - 1]
-        u, v = random_parameters(k)
-        deviation = distance_of_points(surface.evaluate(k, u, v), u, v, face, body.domains[k])
-        if body.domains[k] is not None:
-            # turning a patch over exchanges its parameters
-            turned = surface.evaluate(k, v, u)
-            other = distance_of_points(turned, u, v, face, body.domains[k])
+        u, v = places[k]
+        deviation = distance_of_points(points[k], u, v, face, body.domains[k])
+        if body.domains[k] is not None and deviation > EXACT_TOLERANCE * surface.diagonal:
+            other = distance_of_points(turned[k], u, v, face, body.domains[k])
             deviation = min(deviation, other)
         moved = float(surface.moved[k]) if len(surface.moved) else 0.0
         if deviation > EXACT_TOLERANCE * surface.diagonal + moved:
