@@ -55,7 +55,9 @@ def _import(filename: str, document: str) -> None:
     doc = FreeCAD.listDocuments().get(document)
     made = doc is None
     if made:
-        doc = FreeCAD.newDocument(document or Path(filename).stem)
+        # without a label FreeCAD 0.20 numbers it where there are other documents
+        name = document or Path(filename).stem
+        doc = FreeCAD.newDocument(name, name)
     try:
         scripting.import_mesh(filename, doc)
     except BaseException:

@@ -130,6 +130,8 @@ class Question:
         self._buttons.rejected.connect(dialog.reject)
         dialog.finished.connect(self._finished)
         dialog.setMinimumWidth(WIDTH)
+        # as high as its sentences are at this width, and not as at the one that they would like
+        dialog.resize(WIDTH, layout.heightForWidth(WIDTH))
         dialog.open()
 
     def withdraw(self) -> None:
@@ -264,7 +266,10 @@ def import_recorded(path: Path, document: str, keywords: dict[str, Any]) -> None
     """
     doc = FreeCAD.listDocuments().get(document)
     first = doc is None or not doc.Objects
-    text = document_text(doc) if doc is not None else f"App.newDocument({path.stem!r})"
+    # without a label FreeCAD 0.20 numbers it where there are other documents
+    text = (
+        document_text(doc) if doc is not None else f"App.newDocument({path.stem!r}, {path.stem!r})"
+    )
     given = "".join(f", {name}={value!r}" for name, value in keywords.items())
     before = set(FreeCAD.listDocuments())
     with waiting():

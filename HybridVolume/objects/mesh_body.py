@@ -39,6 +39,8 @@ UP_TO_DATE = "Up to date"
 FAILED = "Failed: "
 """How a Status begins that tells why there is no surface of the scheme."""
 
+_COUNTS_FOR = {"Steps": ("catmull-clark", "smooth"), "SharpAngle": ("catmull-clark",)}
+"""Schemes that look at a property."""
 _MESH = "Mesh"
 _SURFACE = "Surface"
 _ARRAYS = tuple(row.name for row in fields(PolygonMesh) if row.name != "notes")
@@ -59,7 +61,7 @@ class MeshBody(DocumentObject):
         "Steps": Property(
             "App::PropertyIntegerConstraint",
             _MESH,
-            "Subdivisions first; -1: as many as the scheme needs. Bilinear patches have none.",
+            "Subdivisions first; -1: as many as the scheme needs.",
             (AS_NEEDED, AS_NEEDED, STEPS[1], 1),
         ),
         "SharpAngle": Property(
@@ -110,6 +112,16 @@ class MeshBody(DocumentObject):
         ),
     }
 
+    def ensure_properties(self, obj: Any) -> None:
+        """Add what is absent, and hide what does not count."""
+        super().ensure_properties(obj)
+        _show_relevant(obj)
+
+    def onChanged(self, obj: Any, name: str) -> None:
+        """Show the properties that count for what was selected."""
+        if name == "Scheme" and "SharpAngle" in obj.PropertiesList:
+            _show_relevant(obj)
+
     def execute(self, obj: Any) -> None:
         """Make the surface by the scheme that the properties name.
 
@@ -124,7 +136,8 @@ class MeshBody(DocumentObject):
             body = _surfaced_again(obj)
         except HybridVolumeError as error:
             obj.Status = FAILED + error.line
-            raise
+            # FreeCAD shows the way of an error: this one is not about the program
+            raise error.with_traceback(None) from None
         _show(obj, body)
 
 
@@ -180,16 +193,25 @@ def import_mesh(path: str | os.PathLike, doc: Any, surfacing: Surfacing | None =
     return made
 
 
+def _show_relevant(obj: Any) -> None:
+    for name, schemes in _COUNTS_FOR.items():
+        obj.setEditorMode(name, [] if obj.Scheme in schemes else ["Hidden"])
+
+
 def surfacing_of(obj: Any) -> Surfacing:
-    """How the mesh of an object becomes patches, by its properties.
+    """How the mesh of an object becomes patches, by those of its properties that count.
 
     Raises
     ------
     InputError
         A value is out of its range.
     """
-    steps = None if obj.Steps == AS_NEEDED else obj.Steps
-    return Surfacing(obj.Scheme, steps, float(obj.SharpAngle))
+    counts = {name: obj.Scheme in schemes for name, schemes in _COUNTS_FOR.items()}
+    return Surfacing(
+        obj.Scheme,
+        obj.Steps if counts["Steps"] and obj.Steps != AS_NEEDED else None,
+        float(obj.SharpAngle) if counts["SharpAngle"] else 0.0,
+    )
 
 
 def stored_mesh(obj: Any) -> PolygonMesh:

@@ -68,7 +68,7 @@ class MeshFindings:
         extent = " x ".join(f"{x:.4g}" for x in np.ptp(mesh.vertices, axis=0))
         lines = [
             f"{_count(len(mesh.vertices), 'vertex')}, {_count(len(mesh), 'face')}: {kinds}",
-            f"{extent} mm (mesh files have no unit: their numbers are taken as mm)",
+            f"{extent} mm (the file has no unit: its numbers are taken as mm)",
         ]
         if len(mesh.creases):
             semi = int(np.count_nonzero((mesh.sharpness > 0.0) & (mesh.sharpness < SHARP)))
