@@ -21,7 +21,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from HybridVolume.errors import InputError
+from HybridVolume.errors import InputError, WorkerError
 from HybridVolume.freecad_python import import_freecad
 from HybridVolume.job import Job
 
@@ -155,6 +155,7 @@ def run(options: argparse.Namespace) -> int:
         A name is unknown, or there is no worker.
     """
     from .quads_demands import demands
+    from .quads_pictures import draw
     from .quads_table import as_markdown
 
     started = time.perf_counter()
@@ -177,6 +178,12 @@ def run(options: argparse.Namespace) -> int:
         **runner.collected(cases),
     }
     found["demands"] = demands(found)
+    found["pictures"] = []
+    if any(not case["error"] for case in found["cases"]):
+        try:
+            found["pictures"] = draw(folder, runner.python)
+        except WorkerError as error:
+            runner.screen.line(f"no pictures: {error.line}")
     found["seconds"] = time.perf_counter() - started
     write_json(folder / "quads.json", found)
     text = as_markdown(found)

@@ -80,6 +80,9 @@ def as_markdown(found: Mapping[str, Any]) -> str:
     ):
         if text:
             parts.append(f"## {heading}\n\n{text}")
+    if found["pictures"]:
+        names = ", ".join(f"`{name}`" for name in found["pictures"])
+        parts.append(f"Beside this text the command writes {names}: bodies cut open.\n")
     return "\n".join(part for part in parts if part)
 
 
