@@ -11,20 +11,27 @@ curvature all along a line.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .merged_quads import merged_faces
-from .polygons import PolygonMesh
+from .polygons import SHARP, PolygonMesh, off_centre
 from .subdivision import Corners, limit_points, subdivide
 from .surface import SplineFace
 
 STEPS = 1
-"""Subdivisions before the patches are made."""
+"""Subdivisions before the patches are made, at least..."""
+MOST_STEPS = 4
+"""...and at most, where semi-sharp creases need more."""
+MOST_QUADS = 20_000
+"""So many quads are not exceeded by steps that nobody asked for."""
+NEARLY_SHARP = 3.0
+"""Sharpness that is left from which on a semi-sharp edge is nearly one that is sharp for good."""
 STILL_SHARP = 0.5
 """Sharpness that is left after them from which on an edge is taken as sharp for good."""
 _DEEP = 2
+_DEEP_QUADS = 60_000
 
 
 @dataclass(frozen=True)
@@ -40,37 +47,65 @@ class CatmullClark:
         Largest distance of the limit surface from the patches, at the same parameters, mm.
     normal_jump : float
         Largest angle between normals at sides of quads that are not sharp, rad.
+    steps : int
+        Subdivisions that were made.
+    nets, numbers : (q, 4, 4, 3) array, (q,) int array
+        Bézier points of each quad, mm, and the face of the cage that it is from.
     """
 
     faces: tuple[SplineFace, ...]
     quads: int
     distance: float
     normal_jump: float
+    steps: int
+    nets: np.ndarray
+    numbers: np.ndarray
 
 
-def catmull_clark(mesh: PolygonMesh, steps: int = STEPS) -> CatmullClark:
+def catmull_clark(mesh: PolygonMesh, steps: int | None = None) -> CatmullClark:
     """Bicubic patches of the limit surface of a cage.
 
     Parameters
     ----------
     mesh : PolygonMesh
         Closed, as `mended` gives it.
-    steps : int
+    steps : int, optional
         Subdivisions first, at least one where there are other faces than quads. Each about halves
-        the distance to the limit surface.
+        the distance to the limit surface. Without it one, or so many that semi-sharp creases are
+        used up or still nearly sharp.
     """
+    steps = default_steps(mesh) if steps is None else steps
     if (mesh.sizes != 4).any():
         steps = max(steps, 1)
-    cage = subdivide(mesh, steps)
+    shift = off_centre(mesh)
+    cage = subdivide(replace(mesh, vertices=mesh.vertices - shift), steps)
     nets, sharp = bezier_nets(cage)
     quads = cage.quads
     sides = np.column_stack([quads.ravel(), np.roll(quads, -1, axis=1).ravel()])[sharp]
+    faces = merged_faces(quads, nets, sides, cage.diagonal)
     return CatmullClark(
-        tuple(merged_faces(quads, nets, sides, cage.diagonal)),
+        tuple(replace(face, control_points=face.control_points + shift) for face in faces),
         len(cage),
         _distance(cage, nets),
         _normal_jump(cage, nets, sharp),
+        steps,
+        nets + shift,
+        cage.face_number,
     )
+
+
+def default_steps(mesh: PolygonMesh) -> int:
+    """Subdivisions after which no edge or vertex is half sharp, as far as `MOST_QUADS` allow."""
+    tags = np.concatenate([mesh.sharpness, mesh.point_sharpness])
+    tags = tags[(tags > 0.0) & (tags < SHARP)]
+    count = len(mesh.corners) / 4.0
+    for steps in range(STEPS, MOST_STEPS + 1):
+        if count * 4**steps > MOST_QUADS and steps > STEPS:
+            return steps - 1
+        left = tags - steps
+        if not ((left > 0.0) & (left < NEARLY_SHARP)).any():
+            return steps
+    return MOST_STEPS
 
 
 def bezier_nets(cage: PolygonMesh, *, creases: bool = True) -> tuple[np.ndarray, np.ndarray]:
@@ -179,7 +214,12 @@ def _distance(cage: PolygonMesh, nets: np.ndarray) -> float:
     uv = np.tile(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]), (len(cage), 1, 1))
     root = np.arange(len(cage))
     deep = cage
-    for _ in range(_DEEP):
+    tags = np.concatenate([cage.sharpness, cage.point_sharpness])
+    semi = tags[tags < SHARP].max(initial=0.0)
+    # deep enough for few quads, and for semi-sharp edges to be used up
+    wanted = max(_DEEP + (len(cage) <= 500), int(np.ceil(semi)))
+    room = int(np.log(max(_DEEP_QUADS / len(cage), 1.0)) / np.log(4.0))
+    for _ in range(max(min(wanted, room), _DEEP)):
         deep = subdivide(deep)
         after, before = np.roll(uv, -1, axis=1), np.roll(uv, 1, axis=1)
         middle = np.broadcast_to(uv.mean(axis=1, keepdims=True), uv.shape)
@@ -190,7 +230,18 @@ def _distance(cage: PolygonMesh, nets: np.ndarray) -> float:
     # one corner of each quad says it all but for sides, which neighbours have in common
     left, right = (_bernstein(uv[:, 0, axis])[0] for axis in (0, 1))
     points = np.einsum("qa,qb,qabd->qd", left, right, nets[root], optimize=True)
-    return float(np.linalg.norm(points - limit[:, 0], axis=1).max())
+    off = np.linalg.norm(points - limit[:, 0], axis=1)
+    # edges that are still half sharp: the limit is between that with and that without them
+    hard, peak = deep.sharpness >= SHARP, deep.point_sharpness >= SHARP
+    if not (hard.all() and peak.all()):
+        deep = replace(
+            deep,
+            creases=deep.creases[hard], sharpness=deep.sharpness[hard],
+            points=deep.points[peak], point_sharpness=deep.point_sharpness[peak],
+        )  # fmt: skip
+        limit = limit_points(deep)[deep.quads]
+        off = np.maximum(off, np.linalg.norm(points - limit[:, 0], axis=1))
+    return float(off.max())
 
 
 def _normal_jump(cage: PolygonMesh, nets: np.ndarray, sharp: np.ndarray) -> float:

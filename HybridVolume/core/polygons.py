@@ -19,7 +19,7 @@ SHARP = 10.0
 """Sharpness from which on a crease is sharp for good, as OpenSubdiv has it."""
 NAMED = 6
 """Elements that an error names."""
-_PLURALS = {"vertex": "vertices"}
+_PLURALS = {"vertex": "vertices", "patch": "patches"}
 
 
 @dataclass(frozen=True)
@@ -269,6 +269,12 @@ def _listed(kind: str, words: list[str]) -> str:
         return f"{kind} {words[0]}"
     last = words[-1] if len(words) <= NAMED else f"{len(words) - NAMED} more"
     return f"{kind} {', '.join(words[: min(NAMED, len(words) - 1)])} and {last}"
+
+
+def off_centre(mesh: PolygonMesh) -> np.ndarray:
+    """What to take from the vertices of a body far from the origin so that rounding stays small."""
+    middle = mesh.vertices.mean(axis=0)
+    return middle if np.abs(middle).max() > 10.0 * mesh.diagonal else np.zeros(3)
 
 
 def near(points: np.ndarray) -> str:

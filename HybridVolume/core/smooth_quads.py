@@ -16,18 +16,18 @@ the nearest solution to the patches of Loop and Schaefer is taken.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import lsmr
 
-from ..errors import FaultError
+from ..errors import FaultError, InputError
 from . import bspline
 from .catmull_clark import bezier_nets
 from .merged_quads import merged_faces
-from .polygons import PolygonMesh
+from .polygons import PolygonMesh, have, off_centre, some
 from .subdivision import Corners, subdivide
 from .surface import SplineFace
 
@@ -53,6 +53,8 @@ class SmoothQuads:
         Largest angle between normals at 50 places of every side of a quad, rad.
     moved : float
         Farthest that a control point was moved from the patches of Loop and Schaefer, mm.
+    nets, numbers : (q, 4, 4, 3) array, (q,) int array
+        Bézier points of all pieces, mm, and the face of the mesh that each is from.
     """
 
     faces: tuple[SplineFace, ...]
@@ -60,6 +62,8 @@ class SmoothQuads:
     split: int
     normal_jump: float
     moved: float
+    nets: np.ndarray
+    numbers: np.ndarray
 
 
 def smooth_quads(mesh: PolygonMesh, steps: int = 0) -> SmoothQuads:
@@ -75,11 +79,27 @@ def smooth_quads(mesh: PolygonMesh, steps: int = 0) -> SmoothQuads:
 
     Raises
     ------
+    InputError
+        A vertex belongs to two faces only.
     FaultError
         No smooth surface was found.
     """
+    pairs = np.flatnonzero(Corners.of(mesh).valence == 2)
+    if len(pairs):
+        raise InputError(
+            f"{some('vertex', mesh.vertex_number[pairs])} {have(pairs, 'belongs', 'belong')} to two"
+            " faces only, which no smooth surface can have",
+            figure=float(len(pairs)),
+            remedy="dissolve them, so that the two faces are one, or choose Catmull-Clark",
+        )
     if (mesh.sizes != 4).any():
         steps = max(steps, 1)
+    shift, no_edges, none = off_centre(mesh), np.zeros((0, 2), dtype=np.int64), np.zeros(0)
+    mesh = replace(
+        mesh,
+        vertices=mesh.vertices - shift,
+        creases=no_edges, sharpness=none, points=no_edges[:, 0], point_sharpness=none,
+    )  # fmt: skip
     cage = subdivide(mesh, steps)
     nets, _ = bezier_nets(cage, creases=False)
     quads, topology = cage.quads, Corners.of(cage)
@@ -94,8 +114,19 @@ def smooth_quads(mesh: PolygonMesh, steps: int = 0) -> SmoothQuads:
         pieces = np.einsum("pa,qb,fabd->fpqd", _PIECES, _PIECES, found, optimize=True)
         split = dict(zip(chosen.tolist(), pieces, strict=True))
     faces = merged_faces(quads, nets, np.zeros((0, 2), dtype=int), cage.diagonal, split or None)
+    plain = np.setdiff1d(np.arange(len(quads)), chosen)
+    thirds = [
+        pieces[:, 3 * i : 3 * i + 4, 3 * j : 3 * j + 4]
+        for i in range(3) for j in range(3) if len(chosen)
+    ]  # fmt: skip
     return SmoothQuads(
-        tuple(faces), len(quads), len(chosen), _jump(quads, topology, nets, split), moved
+        tuple(replace(face, control_points=face.control_points + shift) for face in faces),
+        len(quads),
+        len(chosen),
+        _jump(quads, topology, nets, split),
+        moved,
+        np.concatenate([nets[plain], *thirds]) + shift,
+        cage.face_number[np.concatenate([plain, *(chosen for _ in thirds)])],
     )
 
 

@@ -15,7 +15,8 @@ import numpy as np
 from ..core.assembly import build_surface
 from ..core.catmull_clark import catmull_clark
 from ..core.polygon_repair import bodies, mended
-from ..core.polygons import SHARP, PolygonMesh, bilinear_faces
+from ..core.polygons import SHARP, PolygonMesh, bilinear_faces, number_of
+from ..core.quad_folds import check_quads
 from ..core.smooth_quads import smooth_quads
 from ..core.surface import SplineFace
 from ..errors import FaultError, InputError
@@ -42,7 +43,8 @@ class Surfacing:
         bicubic surface without creases. "auto": Catmull-Clark where the file has creases or other
         faces than quads, else bilinear.
     steps : int or None
-        Subdivisions first; None: as many as the scheme needs, and one for Catmull-Clark.
+        Subdivisions first; None: as many as the scheme needs, and for Catmull-Clark one, or up to
+        four where semi-sharp creases need more.
     sharp_angle : float
         Edges of the cage whose faces turn by more, degrees, are creases of Catmull-Clark; 0: only
         those that the file names.
@@ -142,7 +144,8 @@ def surfaced(mesh: PolygonMesh, name: str, surfacing: Surfacing) -> Body:
     Raises
     ------
     InputError
-        The scheme does not take its faces, or its patches make no solid.
+        The scheme does not take its faces, or its patches are folded, cut each other or make no
+        solid.
     """
     scheme = chosen_scheme(mesh, surfacing)
     figures: dict[str, Any] = {"scheme": scheme}
@@ -154,27 +157,34 @@ def surfaced(mesh: PolygonMesh, name: str, surfacing: Surfacing) -> Body:
                 remedy="choose Catmull-Clark or smooth to subdivide",
             )
         faces, words = bilinear_faces(mesh), "one bilinear patch a quad"
+        nets = np.stack([face.control_points for face in faces])
+        numbers = mesh.face_number
         figures["quads"] = len(mesh)
     elif scheme == "catmull-clark":
-        made = catmull_clark(_creased(mesh, surfacing.sharp_angle), _steps(surfacing, 1))
-        faces = list(made.faces)
+        made = catmull_clark(_creased(mesh, surfacing.sharp_angle), surfacing.steps)
+        faces, nets, numbers = list(made.faces), made.nets, made.numbers
         figures |= {
             "quads": made.quads, "distance": made.distance, "normal_jump": made.normal_jump,
+            "steps": made.steps,
         }  # fmt: skip
         words = (
-            f"Catmull-Clark, {made.quads} quads in {len(faces)} patches, at most"
+            f"Catmull-Clark, {number_of(made.steps, 'subdivision')}, {made.quads} quads in"
+            f" {number_of(len(faces), 'patch')}, at most"
             f" {made.distance:.2g} mm from the limit surface, normals turn by"
             f" {np.degrees(made.normal_jump):.2g} degrees at most at sides"
         )
     else:
-        smooth = smooth_quads(mesh, _steps(surfacing, 0))
-        faces = list(smooth.faces)
+        smooth = smooth_quads(mesh, surfacing.steps or 0)
+        faces, nets, numbers = list(smooth.faces), smooth.nets, smooth.numbers
         figures |= {"quads": smooth.quads, "normal_jump": smooth.normal_jump}
         words = (
             f"smooth, {smooth.quads} quads in {len(faces)} patches, normals turn by"
             f" {smooth.normal_jump:.1g} rad at most at sides"
         )
+        if len(mesh.creases) or len(mesh.points):
+            words += "; creases are smoothed over"
     surface = build_surface(faces)
+    check_quads(surface, nets, numbers)
     try:
         (body,) = read_shape(solid_of(surface), name)
     except FaultError as fault:
@@ -185,10 +195,6 @@ def surfaced(mesh: PolygonMesh, name: str, surfacing: Surfacing) -> Body:
     if body.error is None and len(body.faces) != len(faces):
         raise FaultError(f"FreeCAD has {len(body.faces)} of {len(faces)} faces")
     return replace(body, origin={"mesh": {**figures, "notes": [*mesh.notes, words]}})
-
-
-def _steps(surfacing: Surfacing, default: int) -> int:
-    return default if surfacing.steps is None else surfacing.steps
 
 
 def edge_turns(mesh: PolygonMesh) -> tuple[np.ndarray, np.ndarray]:
