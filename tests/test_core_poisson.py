@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import shells
 
-from HybridVolume.core.analysis.coupling import HybridSpace
+from HybridVolume.core.analysis.coupling import CollocationSpace, NitscheSpace
 from HybridVolume.core.analysis.poisson import solve_poisson
 from HybridVolume.core.analysis.refine import refine_shell
 from HybridVolume.core.analysis.spline_space import SplineSpace
@@ -21,17 +21,17 @@ WAVE = 2.0 * np.pi / 14.0**0.5 * np.array([1.0, 0.7, 0.5])
 
 
 def small_box():
-    surface = build_surface(list(bodies.box((3.0, 2.0, 1.0), (2, 1, 1)).faces))
+    surface = build_surface(list(bodies.box((3.0, 2.0, 1.0), (1, 1, 1)).faces))
     return shells.shell_towards(surface, lambda x: x + 0.5 * ([1.5, 1.0, 0.5] - x), layers=1)
 
 
-def space(name, parts=1, degree=2):
+def space(name, parts=1, degree=2, kind=CollocationSpace):
     shell = small_box() if name == "box" else shells.make_shell(name)
     if parts > 1:
         shell = refine_shell(shell, parts)
     interface = build_interface(shell)
     core = tet_space(shell, interface, fill_interior(interface), degree)
-    return HybridSpace(SplineSpace(shell, max(1, parts // 2)), core)
+    return kind(SplineSpace(shell, max(1, parts // 2)), core)
 
 
 @pytest.mark.parametrize(("name", "degree"), [("box", 1), ("box", 3), ("sphere", 2)])
@@ -42,7 +42,16 @@ def test_the_core_gets_linear_fields_exactly(name, degree):
     assert np.abs(moved).max() < 1e-12
 
 
-def test_rates():
+@pytest.mark.parametrize("degree", [1, 3])
+def test_linear_solutions_pass_a_flat_interface(degree):
+    both = space("box", degree=degree, kind=NitscheSpace)
+    found = solve_poisson(both, lambda x: np.zeros(len(x)), lambda x: x @ SLOPE)
+    off = found.errors(lambda x: x @ SLOPE, lambda x: np.broadcast_to(SLOPE, x.shape))
+    assert max(off) < 1e-12
+
+
+@pytest.mark.parametrize("kind", [CollocationSpace, NitscheSpace])
+def test_rates(kind):
     def exact(x):
         return np.sin(x @ WAVE)
 
@@ -53,7 +62,8 @@ def test_rates():
         return WAVE @ WAVE * np.sin(x @ WAVE)
 
     off = [
-        solve_poisson(space("box", parts), source, exact).errors(exact, slope) for parts in (2, 4)
+        solve_poisson(space("box", parts, kind=kind), source, exact).errors(exact, slope)
+        for parts in (2, 4)
     ]
     assert (np.log2(np.divide(*off)) >= (2.8, 1.8)).all()
 
@@ -73,4 +83,4 @@ def test_folded_tets_and_other_degrees_are_refused():
     with pytest.raises(InputError, match="choose 1, 2 or 3"):
         space("box", degree=4)
     with pytest.raises(InputError, match=r"Face\d+.*folded.*refine the shell"):
-        space("torus", degree=2)
+        space("torus")

@@ -1,10 +1,16 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""Shell and core as one space: the core's nodes on the interface follow the shell (section 3.4).
+"""Shell and core together: by collocation as in the paper's section 3.4, or after Nitsche.
 
-u_T(x_i) = sum_j R_j(t_i) alpha_j at every node x_i of the core on the interface. With C the matrix
-from the unknowns that are left to those of both spaces, K = C' diag(K_N, K_T) C is symmetric and
-positive whenever both are, and needs no parameter.
+*Collocation*: u_T(x_i) = sum_j R_j(t_i) alpha_j at every node x_i of the core on the interface.
+With C the matrix from the unknowns that are left to those of both spaces, K = C' diag(K_N, K_T) C
+is symmetric and positive whenever both are, and needs no parameter.
+
+*Nitsche*, with the flux from the core alone: both keep all unknowns, and
+
+    - int k du_T/dn [v] - int k dv_T/dn [u] + int 2 k C_F [u] [v],   [u] = u_T - u_N
+
+over the interface is added. Linear fields pass exactly where the core fits the shell without gaps.
 """
 
 from __future__ import annotations
@@ -20,7 +26,7 @@ from .tet_space import TetSpace
 
 
 @dataclass(frozen=True)
-class HybridSpace:
+class CollocationSpace:
     """The shell's splines and the core's polynomials, coupled by collocation.
 
     Unknowns are those of the shell, and after them the core's nodes off the interface.
@@ -64,8 +70,17 @@ class HybridSpace:
         identity = sparse.identity(self.spline.size, format="csr")
         return sparse.bmat([[identity, None], [follow @ self.trace, own]], format="csr")
 
-    def together(self, shell: sparse.spmatrix, core: sparse.spmatrix) -> sparse.csr_matrix:
-        """A matrix of both spaces over the coupled unknowns, C' diag(shell, core) C."""
+    def together(
+        self, shell: sparse.spmatrix, core: sparse.spmatrix, conductivity: float = 1.0
+    ) -> sparse.csr_matrix:
+        """A matrix of both spaces over the coupled unknowns, C' diag(shell, core) C.
+
+        Parameters
+        ----------
+        shell, core : sparse matrices
+        conductivity : float
+            Not needed here: nothing is integrated over the interface.
+        """
         both = sparse.block_diag([shell, core], format="csr")
         return (self.constraint.T @ both @ self.constraint).tocsr()
 
@@ -77,3 +92,54 @@ class HybridSpace:
         """Coefficients of the shell and values at all nodes of the core."""
         both = self.constraint @ solution
         return both[: self.spline.size], both[self.spline.size :]
+
+
+@dataclass(frozen=True)
+class NitscheSpace:
+    """The shell's splines and the core's polynomials, each with all their unknowns.
+
+    Unknowns are those of the shell, and after them the nodes of the core.
+
+    Attributes
+    ----------
+    spline : SplineSpace
+    tets : TetSpace
+    """
+
+    spline: SplineSpace
+    tets: TetSpace
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns (of one component)."""
+        return self.spline.size + self.tets.size
+
+    def together(
+        self, shell: sparse.spmatrix, core: sparse.spmatrix, conductivity: float = 1.0
+    ) -> sparse.csr_matrix:
+        """Stiffness of both with the terms of the interface.
+
+        Parameters
+        ----------
+        shell, core : sparse matrices
+        conductivity : float
+            Of the core.
+        """
+        faces = self.tets.face_samples()
+        beside = self.spline.basis_at(faces.patch, faces.uv, faces.w)
+        jump = sparse.hstack([-beside, faces.values], format="csr")
+        nothing = sparse.csr_matrix((len(faces.measure), self.spline.size))
+        slope = sparse.hstack([nothing, faces.slopes], format="csr")
+        weight = sparse.diags(conductivity * faces.measure)
+        consistent = slope.T @ weight @ jump
+        penalty = jump.T @ sparse.diags(2.0 * conductivity * faces.measure * faces.bound) @ jump
+        both = sparse.block_diag([shell, core], format="csr")
+        return (both - consistent - consistent.T + penalty).tocsr()
+
+    def loaded(self, shell: np.ndarray, core: np.ndarray) -> np.ndarray:
+        """A vector of both spaces."""
+        return np.concatenate([shell, core])
+
+    def parts(self, solution: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Coefficients of the shell and values at all nodes of the core."""
+        return solution[: self.spline.size], solution[self.spline.size :]

@@ -14,7 +14,7 @@ from scipy.sparse.linalg import spsolve
 from ...errors import FaultError
 from ..elements import gauss_line
 from .assembly import errors, load, stiffness
-from .coupling import HybridSpace
+from .coupling import CollocationSpace, NitscheSpace
 from .spline_space import SplineSpace
 
 _BLOCK = 100_000
@@ -28,12 +28,12 @@ class Solution:
 
     Attributes
     ----------
-    space : HybridSpace
+    space : CollocationSpace or NitscheSpace
     values : (size,) array
         Coefficients of the coupled unknowns.
     """
 
-    space: HybridSpace
+    space: CollocationSpace | NitscheSpace
     values: np.ndarray
 
     def errors(self, exact: Callable, slope: Callable) -> tuple[float, float]:
@@ -47,7 +47,7 @@ class Solution:
 
 
 def solve_poisson(
-    space: HybridSpace,
+    space: CollocationSpace | NitscheSpace,
     source: Callable,
     boundary: Callable,
     conductivity: tuple[float, float] = (1.0, 1.0),
@@ -56,7 +56,7 @@ def solve_poisson(
 
     Parameters
     ----------
-    space : HybridSpace
+    space : CollocationSpace or NitscheSpace
     source, boundary : callables
         f and g: take (m, 3) points, mm, and return (m,) values.
     conductivity : (float, float)
@@ -68,7 +68,8 @@ def solve_poisson(
         The linear system was not solved.
     """
     spline, tets = space.spline, space.tets
-    matrix = space.together(conductivity[0] * stiffness(spline), conductivity[1] * stiffness(tets))
+    outer, inner = conductivity
+    matrix = space.together(outer * stiffness(spline), inner * stiffness(tets), inner)
     more = max(max(g.degrees) for g in spline.shell.surface.groups) + 2
     right = space.loaded(load(spline, source, more), load(tets, source, tets.degree + 3))
     values = np.zeros(space.size)

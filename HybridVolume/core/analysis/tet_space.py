@@ -17,6 +17,7 @@ from itertools import product
 from math import factorial
 
 import numpy as np
+from scipy import sparse
 
 from ...errors import InputError
 from ..columns import evaluate_columns
@@ -92,6 +93,36 @@ def shape_functions(degree: int, points: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 @dataclass(frozen=True)
+class FaceSamples:
+    """Functions of the core at m quadrature points on the interface.
+
+    Attributes
+    ----------
+    patch : (m,) int array
+    uv : (m, 2) array
+        Where the shell is beside them: parameters on the patch,
+    w : (m,) array
+        and through the shell.
+    values : (m, size) sparse matrix
+    slopes : (m, size) sparse matrix
+        Derivatives along the normal out of the core, 1/mm.
+    measure : (m,) array
+        Area times the weight of the quadrature, mm².
+    bound : (m,) array
+        C_F: the integral of a squared slope over the triangle is at most C_F times that of the
+        squared gradient over its tet, 1/mm.
+    """
+
+    patch: np.ndarray
+    uv: np.ndarray
+    w: np.ndarray
+    values: sparse.csr_matrix
+    slopes: sparse.csr_matrix
+    measure: np.ndarray
+    bound: np.ndarray
+
+
+@dataclass(frozen=True)
 class TetSpace:
     """Polynomials of one degree on curved tets.
 
@@ -111,6 +142,11 @@ class TetSpace:
         Their parameters through the shell: 1 on its inner boundary.
     faces : (t, nf) int array
         Nodes of the interface's triangles, in the order of ``lattice(2, degree)``.
+    face_patch : (t,) int array
+    face_uv : (t, 3, 2) array
+        Parameters of the triangles' corners on that patch.
+    face_w : (t, 3) array
+        And through the shell.
     """
 
     degree: int
@@ -121,6 +157,9 @@ class TetSpace:
     interface_uv: np.ndarray
     interface_w: np.ndarray
     faces: np.ndarray
+    face_patch: np.ndarray
+    face_uv: np.ndarray
+    face_w: np.ndarray
 
     @property
     def size(self) -> int:
@@ -155,6 +194,88 @@ class TetSpace:
                 gradients,
                 np.linalg.det(jacobian) * weight,
             )
+
+    def face_samples(self, points: int | None = None) -> FaceSamples:
+        """Functions and their slopes at Gauss points of the interface's triangles.
+
+        Parameters
+        ----------
+        points : int, optional
+            Gauss points a direction.
+        """
+        at, weight = quadrature("tri", points or self.degree + 3)
+        share = np.column_stack([1.0 - at.sum(axis=1), at])
+        tet, corners = self._tets_of_faces
+        count = len(weight)
+        rows = np.arange(len(tet) * count).reshape(len(tet), count)
+        values = np.empty((len(tet), count, self.elements.shape[1]))
+        slopes = np.empty_like(values)
+        area = np.empty((len(tet), count))
+        # triangles whose corners have the same places in their tets have the same functions
+        ways, way = np.unique(corners, axis=0, return_inverse=True)
+        for number, places in enumerate(ways):
+            chosen = np.flatnonzero(way.ravel() == number)
+            reference = share @ np.eye(4)[places][:, 1:]
+            inside, along = shape_functions(self.degree, reference)
+            x = self.nodes[self.elements[tet[chosen]]]
+            jacobian = along @ x[:, None]
+            edges = np.eye(4)[places][1:, 1:] - np.eye(4)[places][:1, 1:]
+            tangents = edges @ jacobian
+            normal = np.cross(tangents[..., 0, :], tangents[..., 1, :])
+            length = np.linalg.norm(normal, axis=-1)
+            full = np.broadcast_to(along, (len(chosen), *along.shape))
+            gradients = np.linalg.solve(jacobian, full)
+            values[chosen] = inside
+            slopes[chosen] = np.einsum("fqc,fqci->fqi", normal / length[..., None], gradients)
+            area[chosen] = length * weight
+        unknowns = np.repeat(self.elements[tet], count, axis=0)
+
+        def matrix(entries: np.ndarray) -> sparse.csr_matrix:
+            row = np.broadcast_to(rows.reshape(-1, 1), unknowns.shape)
+            data = entries.reshape(unknowns.shape)
+            place = row.ravel(), unknowns.ravel()
+            return sparse.csr_matrix((data.ravel(), place), shape=(rows.size, self.size))
+
+        uv = np.einsum("qc,fcd->fqd", share, self.face_uv)
+        return FaceSamples(
+            np.repeat(self.face_patch, count),
+            uv.reshape(-1, 2),
+            (self.face_w @ share.T).ravel(),
+            matrix(values),
+            matrix(slopes),
+            area.ravel(),
+            np.repeat(self._stiffness_of_faces(area.sum(axis=1), tet), count),
+        )
+
+    @cached_property
+    def _tets_of_faces(self) -> tuple[np.ndarray, np.ndarray]:
+        """Tet behind each triangle of the interface, and the places of its corners there."""
+        corners = self.elements[:, :4]
+        faces = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
+        table = np.sort(corners[:, faces].reshape(-1, 3), axis=1)
+        keys = np.sort(self.faces[:, :3], axis=1)
+        both = np.concatenate([keys, table])
+        _, first = np.unique(both[::-1], axis=0, return_inverse=True)
+        first = first.ravel()[::-1]
+        place = np.full(first.max() + 1, -1)
+        place[first[len(keys) :]] = np.arange(len(table))
+        tet = place[first[: len(keys)]] // 4
+        where = (corners[tet][:, None, :] == self.faces[:, :3, None]).argmax(axis=2)
+        return tet, where
+
+    def _stiffness_of_faces(self, area: np.ndarray, tet: np.ndarray) -> np.ndarray:
+        """Bounds C_F of the squared normal derivative on a face by the energy of its tet, 1/mm.
+
+        k (k + 2) / 3 |F| / |K| (Warburton and Hesthaven), times the unevenness of det J, and
+        times the number of faces that the tet has on the interface.
+        """
+        k = self.degree
+        at, weight = quadrature("tet", k + 2)
+        _, slopes = shape_functions(k, at)
+        determinant = np.linalg.det(slopes @ self.nodes[self.elements[tet]][:, None])
+        uneven = determinant.max(axis=1) / determinant.min(axis=1)
+        shared = np.bincount(tet, minlength=len(self.elements))[tet]
+        return k * (k + 2) / 3.0 * area / (determinant @ weight) * uneven * shared
 
     @cached_property
     def jacobian_bounds(self) -> np.ndarray:
@@ -201,9 +322,9 @@ def tet_space(shell: Shell, interface: Interface, interior: Interior, degree: in
     share = lattice(2, degree)[place] / degree
     patch = interface.triangle_patch[triangle]
     uv = np.einsum("kc,kcd->kd", share, interface.triangle_uv[triangle])
-    w = np.ones(len(on))
-    if len(interface.vertex_w):
-        w = (share * interface.vertex_w[interface.triangles[triangle]]).sum(axis=1)
+    reach = interface.vertex_w if len(interface.vertex_w) else np.ones(len(interface.vertices))
+    face_w = reach[interface.triangles]
+    w = (share * face_w[triangle]).sum(axis=1)
     straight = nodes.copy()
     nodes[on] = evaluate_columns(shell, patch, uv, w[None])[0]
     # the mesh's own vertices keep their bits
@@ -211,7 +332,19 @@ def tet_space(shell: Shell, interface: Interface, interior: Interior, degree: in
     nodes[vertices] = interface.vertices
     if degree == 3:
         _centre_faces(nodes, straight, flat, on)
-    space = TetSpace(degree, nodes, elements, on, patch, uv, w, faces)
+    space = TetSpace(
+        degree,
+        nodes,
+        elements,
+        on,
+        patch,
+        uv,
+        w,
+        faces,
+        interface.triangle_patch,
+        interface.triangle_uv,
+        face_w,
+    )
     folded = np.flatnonzero(space.jacobian_bounds <= 0.0)
     if len(folded):
         near = np.isin(interface.triangles, mesh.tets[folded]).any(axis=1)
