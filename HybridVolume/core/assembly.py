@@ -127,29 +127,47 @@ def direction_strips(
     symmetric : list of bool
         Strips that meet themselves the other way round, like a Möbius band.
     """
-    count = len(partner)
-    label = np.full((count, 2), -1)
-    turn = np.zeros((count, 2), dtype=bool)
-    symmetric: list[bool] = []
-    for start in np.ndindex(count, 2):
-        if label[start] >= 0:
-            continue
-        strip = len(symmetric)
-        symmetric.append(False)
-        label[start] = strip
-        todo = [start]
-        while todo:
-            k, d = todo.pop()
-            for side in (2, 3) if d == 0 else (0, 1):
-                other, other_side = partner[k, side]
-                there = (int(other), SIDE_DIRECTION[other_side])
-                turned = bool(turn[k, d] ^ reverse[k, side])
-                if label[there] < 0:
-                    label[there], turn[there] = strip, turned
-                    todo.append(there)
-                elif turn[there] != turned:
-                    symmetric[strip] = True
-    return label, turn, symmetric
+    along = np.asarray(SIDE_DIRECTION)
+    here = 2 * np.arange(len(partner))[:, None] + along
+    there = 2 * partner[..., 0] + along[partner[..., 1]]
+    label, turn, symmetric = _signs(2 * len(partner), here.ravel(), there.ravel(), reverse.ravel())
+    return label.reshape(-1, 2), turn.reshape(-1, 2), symmetric.tolist()
+
+
+def _signs(
+    count: int, one: np.ndarray, other: np.ndarray, unlike: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Signs of things of which pairs are known to be alike or unlike.
+
+    Parameters
+    ----------
+    count : int
+    one, other : (m,) int arrays
+    unlike : (m,) bool array
+
+    Returns
+    -------
+    label : (count,) int array
+        Which things hang together, numbered in the order of their first ones.
+    turn : (count,) bool array
+        Whether a thing is unlike the first of those that it hangs together with.
+    torn : (labels,) bool array
+        Those in which a thing would have to be unlike itself.
+    """
+    # each thing stands there twice, as it is and turned
+    rows = np.concatenate([one, one + count])
+    columns = np.concatenate([other + count * unlike, other + count * ~unlike])
+    shape = (2 * count, 2 * count)
+    graph = sparse.coo_matrix((np.ones(len(rows)), (rows, columns)), shape=shape)
+    _, part = sparse.csgraph.connected_components(graph, directed=False)
+    plain, turned = part[:count], part[count:]
+    _, first, label = np.unique(np.minimum(plain, turned), return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    first = first[order]
+    label = rank[label.ravel()]
+    return label, plain != plain[first][label], plain[first] == turned[first]
 
 
 def _match_weights(nets: list[Net], met: Meetings, gap: float) -> None:
@@ -158,10 +176,14 @@ def _match_weights(nets: list[Net], met: Meetings, gap: float) -> None:
     Polynomial patches keep weight 1 where that can be; a face of equal weights between two arcs may
     need another one.
     """
-    for net in nets:
-        if np.ptp(net.weights) <= 1e-15 * net.weights.max():
-            net.weights = np.ones_like(net.weights)
-    raw = np.log(np.concatenate([net.weights.ravel() for net in nets]))
+    sizes = np.array([net.weights.size for net in nets])
+    start = np.cumsum(sizes) - sizes
+    raw = np.concatenate([net.weights.ravel() for net in nets])
+    least, largest = np.minimum.reduceat(raw, start), np.maximum.reduceat(raw, start)
+    plain = largest - least <= 1e-15 * largest
+    for k in np.flatnonzero(plain & ((least != 1.0) | (largest != 1.0))):
+        nets[k].weights = np.ones_like(nets[k].weights)
+    raw = np.where(np.repeat(plain, sizes), 0.0, np.log(raw))
     points = np.concatenate([net.points.reshape(-1, 3) for net in nets])
     count = np.diff(np.append(met.start, len(met.left)))
     ratio = raw[met.left] - raw[met.right]
@@ -182,8 +204,7 @@ def _match_weights(nets: list[Net], met: Meetings, gap: float) -> None:
             figure=float(off.max()),
             remedy="rebuild the faces with matching weights or raise --tolerance",
         )
-    plain = np.array([not np.ptp(net.weights) for net in nets])
-    level = np.array([np.log(net.weights).mean() for net in nets])
+    level = np.add.reduceat(raw, start) / sizes
     first = None
     for fixed in (plain, np.zeros(len(nets), dtype=bool)):
         factor = _factors(met.pairs, jump, fixed, level)
@@ -306,29 +327,17 @@ def _check_vertices(
 def _orientation(nets: list[Net], partner: np.ndarray, reverse: np.ndarray) -> np.ndarray:
     """Patches to turn over so that all normals of a shell agree."""
     count = len(partner)
-    state = np.zeros(count, dtype=int)
-    for seed in range(count):
-        if state[seed]:
-            continue
-        state[seed] = 1
-        todo = [seed]
-        while todo:
-            k = todo.pop()
-            for side in range(4):
-                other, other_side = partner[k, side]
-                run = _COUNTER_CLOCKWISE[side] * _COUNTER_CLOCKWISE[other_side]
-                run *= -1 if reverse[k, side] else 1
-                wanted = state[k] * -run
-                if state[other] == 0:
-                    state[other] = wanted
-                    todo.append(int(other))
-                elif state[other] != wanted:
-                    raise errors.OrientationError(
-                        "the surface is one-sided: inside and outside cannot be told",
-                        faces=[nets[k].name, nets[other].name],
-                        remedy="give a closed solid",
-                    )
-    return state < 0
+    other, other_side = partner[..., 0], partner[..., 1]
+    run = _COUNTER_CLOCKWISE * _COUNTER_CLOCKWISE[other_side] * np.where(reverse, -1, 1)
+    here = np.repeat(np.arange(count), 4)
+    label, turn, torn = _signs(count, here, other.ravel(), run.ravel() > 0)
+    if torn.any():
+        raise errors.OrientationError(
+            "the surface is one-sided: inside and outside cannot be told",
+            faces=[nets[k].name for k in np.flatnonzero(torn[label])],
+            remedy="give a closed solid",
+        )
+    return turn
 
 
 _TRANSPOSED_SIDE = np.array([2, 3, 0, 1])
