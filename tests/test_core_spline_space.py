@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import shells
 
+from HybridVolume.core.analysis.assembly import elastic
 from HybridVolume.core.analysis.refine import refine_shell
 from HybridVolume.core.analysis.spline_space import SplineSpace
 
@@ -65,3 +66,18 @@ def test_functions_at_places(name):
     for level, own in ((0.0, space.outer), (1.0, space.inner)):
         there = space.basis_at(patch, uv, np.full(len(w), level))
         assert set(there[:, :].nonzero()[1].tolist()) <= set(own.tolist())
+
+
+@pytest.mark.parametrize("name", ["box", "sphere"])
+def test_rigid_motions_have_no_energy(name):
+    space = SplineSpace(shells.make_shell(name))
+    matrix = elastic(space, 1.2, 0.8)
+    x, y, z = space.control_points.T
+    one, none = np.ones(space.size), np.zeros(space.size)
+    for motion in ((one, none, none), (-y, x, none), (none, -z, y)):
+        field = np.concatenate(motion)
+        assert abs(field @ (matrix @ field)) < 1e-13 * abs(matrix).max() * (field @ field)
+    # a stretch along x: (lame + 2 shear) times the volume
+    stretch = np.concatenate([x, none, none])
+    volume = sum(block.measure.sum() for block in space.samples())
+    assert stretch @ (matrix @ stretch) == pytest.approx((1.2 + 2 * 0.8) * volume, rel=1e-12)

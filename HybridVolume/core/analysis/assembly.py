@@ -45,6 +45,43 @@ def stiffness(space: Space, points: int | None = None) -> sparse.csr_matrix:
     return _summed(space, points, block)
 
 
+def elastic(
+    space: Space, lame: float, shear: float, points: int | None = None
+) -> sparse.csr_matrix:
+    """Stiffness of an isotropic linear material, (3 size, 3 size), N/mm.
+
+    Unknowns are the x components, then the y and the z components.
+
+    Parameters
+    ----------
+    space : Space
+    lame, shear : float
+        Lamé's constants, MPa.
+    points : int, optional
+        Gauss points a direction.
+    """
+    pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]
+
+    def block(s: Samples) -> list[np.ndarray]:
+        parts = np.moveaxis(s.gradients, 2, 0)
+        weighted = parts * s.measure[..., None]
+        # products of the derivatives along c and d, each once
+        found = {(c, d): np.swapaxes(parts[c], 1, 2) @ weighted[d] for c, d in pairs}
+        trace = shear * sum(found[c, c] for c in range(3))
+        return [
+            (lame + shear) * found[c, c] + trace
+            if c == d
+            else lame * found[c, d] + shear * np.swapaxes(found[c, d], 1, 2)
+            for c, d in pairs
+        ]
+
+    blocks = dict(zip(pairs, _all_summed(space, points, block, len(pairs)), strict=True))
+    return sparse.bmat(
+        [[blocks[c, d] if c <= d else blocks[d, c].T for d in range(3)] for c in range(3)],
+        format="csr",
+    )
+
+
 def load(space: Space, source: Callable, points: int | None = None) -> np.ndarray:
     """Integrals of a function times each function of the space, (size,).
 
@@ -94,14 +131,26 @@ def errors(
 
 
 def _summed(space: Space, points: int | None, block: Callable) -> sparse.csr_matrix:
+    return _all_summed(space, points, lambda s: [block(s)], 1)[0]
+
+
+def _all_summed(
+    space: Space, points: int | None, blocks: Callable, count: int
+) -> list[sparse.csr_matrix]:
+    """Several matrices of which ``blocks`` gives the parts of some elements."""
     shape = (space.size, space.size)
-    parts = [sparse.csr_matrix(shape)]
+    parts = [[sparse.csr_matrix(shape)] for _ in range(count)]
     for s in space.samples(points):
         number = s.unknowns.shape[1]
         rows = np.repeat(s.unknowns, number, axis=1).ravel()
         columns = np.tile(s.unknowns, (1, number)).ravel()
-        parts.append(sparse.coo_matrix((block(s).ravel(), (rows, columns)), shape=shape).tocsr())
-    # two by two: each entry is touched a few times, not once a block
+        for found, values in zip(parts, blocks(s), strict=True):
+            found.append(sparse.coo_matrix((values.ravel(), (rows, columns)), shape=shape).tocsr())
+    return [_added(found) for found in parts]
+
+
+def _added(parts: list[sparse.csr_matrix]) -> sparse.csr_matrix:
+    """The sum two by two: each entry is touched a few times, not once a block."""
     while len(parts) > 1:
         odd = parts[len(parts) // 2 * 2 :]
         parts = [a + b for a, b in zip(parts[::2], parts[1::2], strict=False)] + odd

@@ -104,8 +104,10 @@ class FaceSamples:
     w : (m,) array
         and through the shell.
     values : (m, size) sparse matrix
-    slopes : (m, size) sparse matrix
-        Derivatives along the normal out of the core, 1/mm.
+    gradients : three (m, size) sparse matrices
+        1/mm
+    normal : (m, 3) array
+        Unit normals out of the core.
     measure : (m,) array
         Area times the weight of the quadrature, mm².
     bound : (m,) array
@@ -117,9 +119,18 @@ class FaceSamples:
     uv: np.ndarray
     w: np.ndarray
     values: sparse.csr_matrix
-    slopes: sparse.csr_matrix
+    gradients: tuple[sparse.csr_matrix, ...]
+    normal: np.ndarray
     measure: np.ndarray
     bound: np.ndarray
+
+    @property
+    def slopes(self) -> sparse.csr_matrix:
+        """Derivatives along the normals, (m, size) sparse matrix, 1/mm."""
+        return sum(
+            sparse.diags(n) @ gradient
+            for n, gradient in zip(self.normal.T, self.gradients, strict=True)
+        ).tocsr()
 
 
 @dataclass(frozen=True)
@@ -196,7 +207,7 @@ class TetSpace:
             )
 
     def face_samples(self, points: int | None = None) -> FaceSamples:
-        """Functions and their slopes at Gauss points of the interface's triangles.
+        """Functions and their gradients at Gauss points of the interface's triangles.
 
         Parameters
         ----------
@@ -209,7 +220,8 @@ class TetSpace:
         count = len(weight)
         rows = np.arange(len(tet) * count).reshape(len(tet), count)
         values = np.empty((len(tet), count, self.elements.shape[1]))
-        slopes = np.empty_like(values)
+        gradients = np.empty((3, *values.shape))
+        normals = np.empty((len(tet), count, 3))
         area = np.empty((len(tet), count))
         # triangles whose corners have the same places in their tets have the same functions
         ways, way = np.unique(corners, axis=0, return_inverse=True)
@@ -224,9 +236,9 @@ class TetSpace:
             normal = np.cross(tangents[..., 0, :], tangents[..., 1, :])
             length = np.linalg.norm(normal, axis=-1)
             full = np.broadcast_to(along, (len(chosen), *along.shape))
-            gradients = np.linalg.solve(jacobian, full)
             values[chosen] = inside
-            slopes[chosen] = np.einsum("fqc,fqci->fqi", normal / length[..., None], gradients)
+            gradients[:, chosen] = np.moveaxis(np.linalg.solve(jacobian, full), 2, 0)
+            normals[chosen] = normal / length[..., None]
             area[chosen] = length * weight
         unknowns = np.repeat(self.elements[tet], count, axis=0)
 
@@ -242,7 +254,8 @@ class TetSpace:
             uv.reshape(-1, 2),
             (self.face_w @ share.T).ravel(),
             matrix(values),
-            matrix(slopes),
+            tuple(matrix(part) for part in gradients),
+            normals.reshape(-1, 3),
             area.ravel(),
             np.repeat(self._stiffness_of_faces(area.sum(axis=1), tet), count),
         )
