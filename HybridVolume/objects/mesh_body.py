@@ -72,7 +72,10 @@ class MeshBody(DocumentObject):
             0.0,
         ),
         "MeshFile": Property(
-            "App::PropertyString", _MESH, "The file that it was read from.", mode=("ReadOnly",)
+            "App::PropertyString",
+            _MESH,
+            "Name of the file that it was read from.",
+            mode=("ReadOnly",),
         ),
         "Cage": Property(
             "App::PropertyFileIncluded",
@@ -90,15 +93,15 @@ class MeshBody(DocumentObject):
             mode=("ReadOnly",),
         ),
         "LimitDistance": Property(
-            "App::PropertyFloat",
+            "App::PropertyLength",
             _SURFACE,
-            "Largest distance from the limit surface of Catmull-Clark, mm.",
+            "Largest distance from the limit surface of Catmull-Clark.",
             mode=("ReadOnly",),
         ),
         "NormalJump": Property(
-            "App::PropertyFloat",
+            "App::PropertyAngle",
             _SURFACE,
-            "Largest angle between the normals of faces that should meet smoothly, degrees.",
+            "Largest angle between the normals of faces that should meet smoothly.",
             mode=("ReadOnly",),
         ),
         "Notes": Property(
@@ -178,7 +181,7 @@ def import_mesh(path: str | os.PathLike, doc: Any, surfacing: Surfacing | None =
             obj = doc.addObject("Part::FeaturePython", "MeshBody")
             MeshBody(obj)
             obj.Label = body.name
-            obj.MeshFile = str(path)
+            obj.MeshFile = path.name
             obj.Scheme = scheme
             obj.Steps = AS_NEEDED if surfacing.steps is None else surfacing.steps
             obj.SharpAngle = surfacing.sharp_angle
