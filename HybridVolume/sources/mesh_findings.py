@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.catmull_clark import default_steps
 from ..core.polygons import SHARP, PolygonMesh
 from ..errors import InputError
 from .meshes import SCHEMES, Surfacing, chosen_scheme, edge_turns, named_bodies
@@ -74,6 +75,8 @@ class MeshFindings:
             semi = int(np.count_nonzero((mesh.sharpness > 0.0) & (mesh.sharpness < SHARP)))
             some = f", {semi} of them semi-sharp" if semi else ""
             lines.append(f"{_count(len(mesh.creases), 'crease')} named in the file{some}")
+        if len(mesh.points):
+            lines.append(f"{_count(len(mesh.points), 'sharp vertex')} named in the file")
         if len(self.bodies) > 1:
             lines.append(f"{len(self.bodies)} bodies: each becomes an object")
         return lines
@@ -89,16 +92,7 @@ class MeshFindings:
 
     def quads(self, scheme: str, steps: int | None) -> int:
         """How many quads a scheme makes patches of, after its subdivisions."""
-        sizes = [part.sizes for part in self.bodies.values()]
-        corners = int(sum(part.sum() for part in sizes))
-        faces = sum(len(part) for part in sizes)
-        if scheme == "bilinear":
-            return faces
-        if steps is None:
-            steps = 1 if scheme == "catmull-clark" else 0
-        if corners != 4 * faces:
-            steps = max(steps, 1)
-        return corners * 4 ** (steps - 1) if steps else faces
+        return sum(_quads(part, scheme, steps) for part in self.bodies.values())
 
     @cached_property
     def _turns(self) -> np.ndarray:
@@ -132,8 +126,19 @@ def examine(path: str | os.PathLike) -> MeshFindings:
     return MeshFindings(path.name, mesh, bodies, refusals)
 
 
+def _quads(mesh: PolygonMesh, scheme: str, steps: int | None) -> int:
+    if scheme == "bilinear":
+        return len(mesh)
+    if steps is None:
+        steps = default_steps(mesh) if scheme == "catmull-clark" else 0
+    if (mesh.sizes != 4).any():
+        steps = max(steps, 1)
+    # the first makes a quad of each corner, the others four of each quad
+    return len(mesh.corners) * 4 ** (steps - 1) if steps else len(mesh)
+
+
 def _count(number: int, one: str) -> str:
-    many = {"vertex": "vertices"}.get(one, f"{one}s")
+    many = one.replace("vertex", "vertices") if one.endswith("vertex") else f"{one}s"
     if one.startswith("face of"):
         many = one.replace("face", "faces", 1)
     return f"{number} {one if number == 1 else many}"
