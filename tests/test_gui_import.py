@@ -50,7 +50,7 @@ def test_meshes_are_imported(tmp_path):
     assert first["import"] and first["stepsWords"] == "24 quads"
     plain = found["bilinear"]
     assert plain["enabled"] == ["bilinear", "catmullClark", "smooth"]
-    assert plain["stepsWords"] == plain["angleWords"] == ""
+    assert plain["stepsWords"] == "6 quads" and plain["angleWords"] == ""
     assert found["by angle"]["angleWords"] == "12 edges turn by more"
     assert found["by angle"]["stepsWords"] == "96 quads"
 

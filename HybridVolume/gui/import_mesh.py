@@ -31,7 +31,7 @@ WIDTH = 520
 
 BUTTONS = {"bilinear": "bilinear", "catmull-clark": "catmullClark", "smooth": "smooth"}
 """Names in the form of each scheme."""
-MANY = 20_000
+MANY = 10_000
 """Quads from which on the user is warned that it takes a while."""
 
 
@@ -184,13 +184,13 @@ class Question:
     def _show_relevant(self) -> None:
         form, scheme, found = self._form, self.scheme, self.findings
         steps = scheme in ("catmull-clark", "smooth")
-        for widget in (form.steps, form.stepsCaption, form.stepsWords):
+        for widget in (form.steps, form.stepsCaption):
             widget.setEnabled(steps)
         for widget in (form.angle, form.angleCaption, form.angleWords):
             widget.setEnabled(scheme == "catmull-clark")
         form.stepsWords.clear()
         form.angleWords.clear()
-        if steps:
+        if scheme:
             quads = found.quads(scheme, self.keywords.get("steps"))
             late = ": this takes a while" if quads > MANY else ""
             form.stepsWords.setText(f"{quads} quads{late}")
