@@ -186,7 +186,8 @@ def imported(answer):
     screenshot("1_question")
     press(standard("Import"))
     wait_for(lambda: objects(doc))
-    FreeCADGui.runCommand("Std_MacroStopRecord")
+    stop = "Std_MacroStopRecord"  # from 1.0 on the command that began ends as well
+    FreeCADGui.runCommand(stop if stop in FreeCADGui.listCommands() else "Std_DlgMacroRecord")
     wait(800)
     screenshot("2_imported")
     answer["objects"], answer["undo"] = objects(doc), doc.UndoNames
