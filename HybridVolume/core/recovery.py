@@ -70,12 +70,20 @@ class Material:
                 f"Poisson's ratio is {self.poisson:g}", remedy="give the material one below 0.5"
             )
 
+    @property
+    def shear(self) -> float:
+        """Shear modulus, MPa."""
+        return self.young / (2.0 * (1.0 + self.poisson))
+
+    @property
+    def lame(self) -> float:
+        """Lamé's first constant, MPa."""
+        return self.young * self.poisson / ((1.0 + self.poisson) * (1.0 - 2.0 * self.poisson))
+
     def stress(self, strain: np.ndarray) -> np.ndarray:
         """Stress of a strain, both (..., 6) in the order of `COMPONENTS`, MPa."""
-        shear = self.young / (2.0 * (1.0 + self.poisson))
-        lame = self.young * self.poisson / ((1.0 + self.poisson) * (1.0 - 2.0 * self.poisson))
-        stress = 2.0 * shear * np.asarray(strain, dtype=float)
-        stress[..., :3] += lame * np.sum(strain[..., :3], axis=-1, keepdims=True)
+        stress = 2.0 * self.shear * np.asarray(strain, dtype=float)
+        stress[..., :3] += self.lame * np.sum(strain[..., :3], axis=-1, keepdims=True)
         return stress
 
 

@@ -21,8 +21,40 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
+from ..recovery import Material
 from .spline_space import SplineSpace
 from .tet_space import TetSpace
+
+
+def stacked(shell: sparse.spmatrix, core: sparse.spmatrix) -> sparse.csr_matrix:
+    """Matrices of three components of two spaces as one, the components of both together.
+
+    Parameters
+    ----------
+    shell : (3 n, 3 n) sparse matrix
+    core : (3 m, 3 m) sparse matrix
+
+    Returns
+    -------
+    (3 (n + m), 3 (n + m)) sparse matrix
+    """
+    n, m = shell.shape[0] // 3, core.shape[0] // 3
+    shell, core = shell.tocsr(), core.tocsr()
+    return sparse.bmat(
+        [
+            [
+                sparse.block_diag(
+                    [
+                        shell[a * n : (a + 1) * n, b * n : (b + 1) * n],
+                        core[a * m : (a + 1) * m, b * m : (b + 1) * m],
+                    ]
+                )
+                for b in range(3)
+            ]
+            for a in range(3)
+        ],
+        format="csr",
+    )
 
 
 @dataclass(frozen=True)
@@ -88,8 +120,23 @@ class CollocationSpace:
         """A vector of both spaces over the coupled unknowns, C' (shell, core)."""
         return self.constraint.T @ np.concatenate([shell, core])
 
+    def elastic_together(
+        self, shell: sparse.spmatrix, core: sparse.spmatrix, material: Material
+    ) -> sparse.csr_matrix:
+        """A matrix of three components, as :func:`.assembly.elastic` orders them.
+
+        Parameters
+        ----------
+        shell, core : sparse matrices
+        material : Material
+            Not needed here: nothing is integrated over the interface.
+        """
+        both = stacked(shell, core)
+        constraint = sparse.kron(sparse.identity(3), self.constraint, format="csr")
+        return (constraint.T @ both @ constraint).tocsr()
+
     def parts(self, solution: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Coefficients of the shell and values at all nodes of the core."""
+        """Coefficients of the shell and values at all nodes of the core, of (size, ...) arrays."""
         both = self.constraint @ solution
         return both[: self.spline.size], both[self.spline.size :]
 
@@ -135,6 +182,45 @@ class NitscheSpace:
         penalty = jump.T @ sparse.diags(2.0 * conductivity * faces.measure * faces.bound) @ jump
         both = sparse.block_diag([shell, core], format="csr")
         return (both - consistent - consistent.T + penalty).tocsr()
+
+    def elastic_together(
+        self, shell: sparse.spmatrix, core: sparse.spmatrix, material: Material
+    ) -> sparse.csr_matrix:
+        """Stiffness of three components with the terms of the interface.
+
+        Parameters
+        ----------
+        shell, core : sparse matrices
+            As :func:`.assembly.elastic` orders them.
+        material : Material
+            Of the core.
+        """
+        faces = self.tets.face_samples()
+        beside = self.spline.basis_at(faces.patch, faces.uv, faces.w)
+        jump = sparse.hstack([-beside, faces.values], format="csr")
+        nothing = sparse.csr_matrix((len(faces.measure), self.spline.size))
+        gradients = [sparse.hstack([nothing, g], format="csr") for g in faces.gradients]
+        normal = [sparse.diags(n) for n in faces.normal.T]
+        slope = sum(n @ g for n, g in zip(normal, gradients, strict=True))
+        lame, shear = material.lame, material.shear
+        weight = sparse.diags(faces.measure)
+        stiff = 2.0 * (lame + 2.0 * shear)
+        penalty = jump.T @ sparse.diags(stiff * faces.measure * faces.bound) @ jump
+        blocks = [[None] * 3 for _ in range(3)]
+        for a in range(3):
+            for b in range(3):
+                # the traction's component a of the displacement's component b
+                traction = lame * normal[a] @ gradients[b] + shear * normal[b] @ gradients[a]
+                if a == b:
+                    traction = traction + shear * slope
+                blocks[a][b] = jump.T @ weight @ traction
+        consistent = sparse.bmat(blocks, format="csr")
+        return (
+            stacked(shell, core)
+            - consistent
+            - consistent.T
+            + sparse.kron(sparse.identity(3), penalty)
+        ).tocsr()
 
     def loaded(self, shell: np.ndarray, core: np.ndarray) -> np.ndarray:
         """A vector of both spaces."""
