@@ -28,6 +28,9 @@ FINEST = 64
 kink or a side without length, which stays."""
 MOST = 200_000
 """Spans that are not exceeded."""
+UNEVEN = 1.5
+"""Parts that are added at once, at most, because a line is run through at uneven speed: equal parts
+of the parameter are unequal ones of the line, and a later round could only halve the longest."""
 _POINTS = np.linspace(0.0, 1.0, 5)
 _BLOCK = 400_000
 """Places that are evaluated at once, which bounds the memory."""
@@ -84,8 +87,10 @@ class SpanFigures:
     Attributes
     ----------
     spans : int
-    shortest, longest : float
-        Mean lengths of sides, mm.
+    shortest : float
+        Smallest mean length of a span's lines along u or along v, mm.
+    longest : float
+        Longest line of a span, mm.
     aspect : float
         Largest ratio of the two mean lengths of a span.
     turn : float
@@ -101,12 +106,12 @@ class SpanFigures:
 
 def span_figures(surface: PatchSurface) -> SpanFigures:
     """Figures of the spans of a surface."""
-    length, turn = _measured(surface)
+    length, longest, turn, _ = _measured(surface)
     short, long = length.min(axis=1), length.max(axis=1)
     return SpanFigures(
         len(length),
         float(short.min()),
-        float(long.max()),
+        float(longest.max()),
         float((long / np.maximum(short, 1e-9 * surface.diagonal)).max()),
         float(turn.max()),
     )
@@ -176,13 +181,13 @@ def _parts(
     wide : (ni,) bool array
         Where aspect and turn count.
     """
-    length, turn = _measured(surface)
-    least = np.ones(intervals.count)
-    if wanted.size:
-        least = intervals.largest(length) / wanted.size
-    if wanted.turn:
-        least = np.where(wide, np.maximum(least, intervals.largest(turn) / wanted.turn), least)
-    parts = np.maximum(np.ceil(least * (1.0 - 1e-9)), 1.0)
+    length, longest, turn, uneven = _measured(surface)
+    parts = np.ones(intervals.count)
+    for limit, values, counts in ((wanted.size, longest, True), (wanted.turn, turn, wide)):
+        if limit:
+            over = values > limit * (1.0 + 1e-9)
+            asked = intervals.largest(np.where(over, values * uneven, 0.0)) / limit
+            parts = np.maximum(parts, np.where(counts, np.ceil(asked * (1.0 - 1e-9)), 1.0))
     if wanted.aspect:
         # of the spans as they will be, cut by the rest
         cut = length / parts[intervals.of_span]
@@ -205,11 +210,23 @@ def _check_count(intervals: SpanIntervals, parts: np.ndarray) -> None:
         )
 
 
-def _measured(surface: PatchSurface) -> tuple[np.ndarray, np.ndarray]:
-    """Mean lengths (ne, 2), mm, and largest turns (ne, 2), degrees, of spans along u and v."""
+def _measured(
+    surface: PatchSurface,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """What the lines of spans along u and along v are like.
+
+    Returns
+    -------
+    length, longest : (ne, 2) arrays
+        Mean and largest lengths, mm.
+    turn : (ne, 2) array
+        Largest turn of the normal, degrees.
+    uneven : (ne, 2) array
+        Highest over mean speed along a line, 1 to `UNEVEN`.
+    """
     n = len(_POINTS)
     count = surface.element_count
-    length, turn = np.empty((2, count, 2))
+    length, longest, turn, uneven = np.empty((4, count, 2))
     for block in np.array_split(np.arange(count), 1 + count * n**2 // _BLOCK):
         samples = surface.element_samples(_POINTS, _POINTS, block)
         x, x_u, x_v = (a.reshape(-1, n, n, 3) for a in samples.surface(surface.control_points))
@@ -217,10 +234,13 @@ def _measured(surface: PatchSurface) -> tuple[np.ndarray, np.ndarray]:
         normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-300)
         for d, axis in enumerate((1, 2)):
             steps = np.linalg.norm(np.diff(x, axis=axis), axis=-1)
-            length[block, d] = steps.sum(axis=axis).mean(axis=1)
+            lines = steps.sum(axis=axis)
+            length[block, d], longest[block, d] = lines.mean(axis=1), lines.max(axis=1)
+            pace = (n - 1) * steps.max(axis=(1, 2)) / np.maximum(longest[block, d], 1e-300)
+            uneven[block, d] = np.clip(pace, 1.0, UNEVEN)
             one, other = (np.take(normal, rows, axis=axis) for rows in (range(n - 1), range(1, n)))
             angle = np.arctan2(
                 np.linalg.norm(np.cross(one, other), axis=-1), (one * other).sum(axis=-1)
             )
             turn[block, d] = np.degrees(angle.sum(axis=axis).max(axis=1))
-    return length, turn
+    return length, longest, turn, uneven
