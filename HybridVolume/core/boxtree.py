@@ -37,13 +37,14 @@ class BoxTree:
         order[: self.size] = np.arange(self.size)
         # Not-a-number sorts to the end: empty leaves gather at the end of their segment.
         centre = np.concatenate([0.5 * low + 0.5 * high, np.full((1, 3), np.nan)])
+        lines = np.ascontiguousarray(centre.T)
         for level in range(self.depth):
             segments = order.reshape(1 << level, -1)
-            points = centre[segments]
+            points = [line[segments] for line in lines]
             with np.errstate(invalid="ignore"):
-                extent = np.fmax.reduce(points, axis=1) - np.fmin.reduce(points, axis=1)
-            axis = extent.argmax(axis=1)
-            key = np.take_along_axis(points, axis[:, None, None], axis=2)[..., 0]
+                extent = [np.fmax.reduce(x, axis=1) - np.fmin.reduce(x, axis=1) for x in points]
+            axis = np.argmax(extent, axis=0)[:, None]
+            key = np.where(axis == 0, points[0], np.where(axis == 1, points[1], points[2]))
             half = segments.shape[1] // 2
             position = np.argpartition(key, half - 1, axis=1)
             order = np.take_along_axis(segments, position, axis=1).ravel()

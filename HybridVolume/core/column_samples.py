@@ -88,7 +88,8 @@ def column_samples(
         plain = (np.isin(members, group.element[~_weighted(group)])) & ~vanishing.any(axis=1)
         for chosen, kind in ((plain, PolynomialSamples), (~plain, RationalSamples)):
             if chosen.any():
-                samples = surface.element_samples(uv, uv, members[chosen])
+                if not chosen.all():
+                    samples = surface.element_samples(uv, uv, members[chosen])
                 still = vanishing[chosen].ravel()
                 given = _Given(surface, samples, base, reference, degree_w, uv, w, still)
                 found.append(kind(given, members[chosen]))

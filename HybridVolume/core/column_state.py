@@ -12,7 +12,7 @@ between them is taken once.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, reduce
 
 import numpy as np
@@ -20,7 +20,6 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from . import bspline
-from .bezier import BezierElements
 from .bound import scaled_jacobian_bound
 from .contacts import Planes, TestGrid, planes_between
 from .embedding_proof import prove_embedded
@@ -143,16 +142,14 @@ class ColumnSpace:
 
         Only elements that are not as they were at the last call are looked at again.
         """
-        batches = self.shell(d).bezier_elements()
         if self._proved is None:
-            certificate = certify(batches)
+            certificate = certify(self.shell(d).bezier_elements())
         else:
             before, certificate = self._proved
             moved = np.flatnonzero((d != before).any(axis=1))
             changed = np.zeros(self.surface.element_count, dtype=bool)
             changed[elements_with(self.surface, moved)] = True
-            parts = [_rows(batch, changed[batch.element]) for batch in batches]
-            certificate = certificate.merge(certify([part for part in parts if len(part)]))
+            certificate = certificate.merge(certify(self.shell(d).bezier_elements(changed)))
         self._proved = d.copy(), certificate
         return certificate
 
@@ -290,15 +287,6 @@ class ColumnSpace:
             near[points] = np.maximum(near[points], share)
             points = points_of(self.surface, elements_with(self.surface, points))
         return near
-
-
-def _rows(batch: BezierElements, chosen: np.ndarray) -> BezierElements:
-    """Some elements of a batch."""
-    parts = {
-        name: None if getattr(batch, name) is None else getattr(batch, name)[chosen]
-        for name in ("control_points", "weights", "element", "patch", "singular")
-    }
-    return replace(batch, **parts)
 
 
 def nodal_matrix(surface: PatchSurface) -> sparse.csr_matrix:

@@ -77,32 +77,42 @@ class Shell:
         """The inner boundary S̄: the same patches over the last layer, polynomial."""
         return self.surface.with_points(self.layers[-1], polynomial=True)
 
-    def bezier_elements(self) -> list[BezierElements]:
-        """All Bézier elements, right-handed, in batches of one degree, rational ones apart."""
+    def bezier_elements(self, spans: np.ndarray | None = None) -> list[BezierElements]:
+        """Bézier elements, right-handed, in batches of one degree, rational ones apart.
+
+        Parameters
+        ----------
+        spans : (ne,) bool array, optional
+            Knot spans of the surface whose elements are wanted; all otherwise.
+        """
         first, operators = bspline.bezier_extraction(self.degree_w, self.knots_w)
         batches: list[BezierElements] = []
         singular = self.surface.singular_flags
         for group in self.surface.groups:
-            points = np.moveaxis(self.layers[:, group.index], 0, 3)  # (ne, p+1, q+1, nw, 3)
-            rational = np.ptp(group.weights.reshape(len(group.element), -1), axis=1) > 0
-            rational |= group.weights.reshape(len(group.element), -1)[:, 0] != 1.0
+            rows = slice(None) if spans is None else np.flatnonzero(spans[group.element])
+            element, patch = group.element[rows], group.patch[rows]
+            across_u, across_v = group.extraction_u[rows], group.extraction_v[rows]
+            given = group.weights[rows]
+            points = np.moveaxis(self.layers[:, group.index[rows]], 0, 3)
+            flat = given.reshape(len(element), np.prod(given.shape[1:], dtype=int))
+            rational = (np.ptp(flat, axis=1) > 0) | (flat[:, 0] != 1.0)
             for layer in range(self.layer_count):
-                rows = slice(first[layer], first[layer] + self.degree_w + 1)
-                number = group.element * self.layer_count + layer
+                some = slice(first[layer], first[layer] + self.degree_w + 1)
+                number = element * self.layer_count + layer
                 weighted = rational if first[layer] == 0 else np.zeros_like(rational)
                 for chosen, is_rational in ((~weighted, False), (weighted, True)):
                     if not chosen.any():
                         continue
-                    part = points[chosen][..., rows, :]
+                    part = points[chosen][..., some, :]  # (elements, p + 1, q + 1, r + 1, 3)
                     weights = None
                     if is_rational:
                         weights = np.ones(part.shape[:-1])
-                        weights[..., 0] = group.weights[chosen]
+                        weights[..., 0] = given[chosen]
                         part = np.concatenate(
                             [part * weights[..., None], weights[..., None]], axis=-1
                         )
-                    part = np.einsum("eai,eijkd->eajkd", group.extraction_u[chosen], part)
-                    part = np.einsum("ebj,eajkd->eabkd", group.extraction_v[chosen], part)
+                    part = np.einsum("eai,eijkd->eajkd", across_u[chosen], part)
+                    part = np.einsum("ebj,eajkd->eabkd", across_v[chosen], part)
                     part = np.einsum("ck,eabkd->ebacd", operators[layer], part)
                     if is_rational:
                         weights = np.ascontiguousarray(part[..., 3])
@@ -110,14 +120,14 @@ class Shell:
                     p, q = group.degrees
                     flags = None
                     if layer == 0:
-                        flags = np.swapaxes(singular[group.element[chosen]], 1, 2)
+                        flags = np.swapaxes(singular[element[chosen]], 1, 2)
                     batches.append(
                         BezierElements(
                             (q, p, self.degree_w),
                             np.ascontiguousarray(part),
                             weights,
                             number[chosen],
-                            group.patch[chosen],
+                            patch[chosen],
                             flags if flags is not None and flags.any() else None,
                         )
                     )
