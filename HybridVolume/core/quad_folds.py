@@ -54,12 +54,12 @@ def check_quads(surface: PatchSurface, nets: np.ndarray, numbers: np.ndarray) ->
             check_surface(surface, lines=True)
         except SingularSurfaceError as error:
             faces = _faces(error, points, numbers, flat | (ahead.min(axis=(1, 2)) < 0.0))
+            what = error.places[0].what if error.places else "the surface is folded"
             raise SingularSurfaceError(
-                f"the surface turns over or is singular at {some('face', faces)} of the mesh"
-                f"{near(_first(error, middle))}",
+                f"{some('face', faces)} of the mesh: {what}{near(_first(error, middle))}",
                 figure=float(len(faces)),
-                remedy="move vertices so that these faces are convex, not folded and not too uneven"
-                " with their neighbours",
+                remedy="move vertices so that these faces are convex, not folded, and their edges"
+                " not as sharp as a knife",
             ) from error
     every = SAMPLES // 2 if len(nets) <= FEW else SAMPLES - 1
     if not _crossing(points[:, ::every, ::every]):
