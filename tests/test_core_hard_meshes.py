@@ -271,13 +271,18 @@ def test_smooth_patches_of_uneven_twisted_meshes(valence):
         assert build_surface(list(found.faces)).genus == (0,)
 
 
-def test_a_vertex_of_two_faces_has_no_smooth_surface():
-    points = np.concatenate([CUBE, [[0.5, 0.5, 1.2]]])
-    mesh = mended(PolygonMesh.of(points, [QUADS[0], [4, 5, 7, 8], [4, 8, 7, 6], *QUADS[2:]]),
-                  cage=True)  # fmt: skip
-    with pytest.raises(InputError, match="vertex 9 belongs to two faces only"):
-        smooth_quads(mesh)
-    assert build_surface(list(catmull_clark(mesh).faces)).genus == (0,)
+def test_vertices_of_two_faces_are_dissolved():
+    # two quads in the place of one, and a vertex on an edge with a crease
+    points = np.concatenate([CUBE, [[0.5, 0.5, 1.2], [0.3, 0.0, 0.0]]])
+    faces = [[0, 2, 3, 1, 9], [4, 5, 7, 8], [4, 8, 7, 6], [0, 9, 1, 5, 4], *QUADS[3:]]
+    mesh = mended(PolygonMesh.of(points, faces, [(0, 9, 10.0), (9, 1, 10.0)]), cage=True)
+    assert mesh.notes == ("vertices 9 and 10: of two faces only, dissolved",)
+    assert (len(mesh), len(mesh.vertices), mesh.volume()) == (6, 8, pytest.approx(1.0))
+    assert np.unique(mesh.creases, axis=0).tolist() == [[0, 1]]
+    assert build_surface(list(smooth_quads(mesh).faces)).genus == (0,)
+    lens = PolygonMesh.of(CUBE[:4] * [1, 1, 0] + [[0, 0, 0.1]] * 4, [[0, 1, 3, 2], [2, 3, 1, 0]])
+    with pytest.raises(InputError, match="vertices 1, 2, 3 and 4 belong to two faces only"):
+        smooth_quads(mended(lens, cage=True))
 
 
 @pytest.mark.parametrize("holes", [1, 5])

@@ -23,6 +23,7 @@ from ..errors import (
     OrientationError,
     SelfIntersectionError,
 )
+from .doublets import without_doublets
 from .intersection import self_intersections, surfaces_intersect
 from .polygons import PolygonMesh, have, near, number_of, some, some_edges
 from .subdivision import limit_points, subdivide
@@ -69,6 +70,8 @@ def mended(mesh: PolygonMesh, *, cage: bool = False) -> PolygonMesh:
     _check_edges(mesh)
     mesh = _oriented(mesh)
     _check_vertices(mesh)
+    if cage:
+        mesh = without_doublets(mesh)
     return _checked_creases(mesh)
 
 
