@@ -108,7 +108,7 @@ def chosen_scheme(mesh: PolygonMesh, surfacing: Surfacing) -> str:
     """The scheme that is meant: for "auto" the one that the mesh asks for."""
     if surfacing.scheme != "auto":
         return surfacing.scheme
-    curved = len(mesh.creases) or (mesh.sizes != 4).any()
+    curved = len(mesh.creases) or len(mesh.points) or (mesh.sizes != 4).any()
     return "catmull-clark" if curved else "bilinear"
 
 
