@@ -280,6 +280,18 @@ def import_recorded(path: Path, document: str, keywords: dict[str, Any]) -> None
             for name in set(FreeCAD.listDocuments()) - before:
                 FreeCAD.closeDocument(name)
             raise
-    if first:
-        FreeCADGui.activeDocument().activeView().viewIsometric()
-    FreeCADGui.SendMsgToActiveView("ViewFit")
+    _look(isometric=first)
+
+
+def _look(*, isometric: bool) -> None:
+    """Show the whole document, from the corner where nobody has chosen a view yet."""
+    view = FreeCADGui.activeDocument().activeView()
+    moving = view.isAnimationEnabled()
+    # the second of two flights would begin where the first is by then
+    view.setAnimationEnabled(False)
+    try:
+        if isometric:
+            view.viewIsometric()
+        view.fitAll()
+    finally:
+        view.setAnimationEnabled(moving)
