@@ -135,6 +135,18 @@ def test_a_size_that_cannot_be_meant_is_refused(size):
         mended(PolygonMesh.of(CUBE * size, QUADS), cage=True)
 
 
+def test_twisted_quads_are_no_crossed_quads():
+    # a prism whose upper face is turned by a quarter: seen along their normals its sides cross
+    turned = CUBE[[0, 1, 2, 3, 5, 7, 4, 6]]
+    mesh = mended(PolygonMesh.of(turned, QUADS))
+    assert mesh.notes == ()
+    patches = bilinear_faces(bodies(mesh)[0])
+    nets = np.stack([patch.control_points for patch in patches])
+    check_quads(build_surface(patches), nets, mesh.face_number)
+    # its section at the height t is a square of the area 1 - 2 t + 2 t^2
+    assert build_surface(patches).volume() == pytest.approx(2.0 / 3.0, rel=1e-12)
+
+
 def test_sides_without_length_and_folds_are_refused_by_quads():
     flat = CUBE.copy()
     flat[6] = flat[7]

@@ -14,7 +14,6 @@ from dataclasses import replace
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
-from scipy.spatial import cKDTree
 
 from ..errors import (
     InputError,
@@ -25,8 +24,9 @@ from ..errors import (
 )
 from .doublets import without_doublets
 from .intersection import self_intersections, surfaces_intersect
-from .polygons import PolygonMesh, have, near, number_of, some, some_edges
-from .subdivision import limit_points, subdivide
+from .polygon_doubles import components, welded, without_doubles, without_repeats
+from .polygons import PolygonMesh, have, near, some, some_edges
+from .subdivision import Corners, limit_points, subdivide
 
 FLAT = 1e-10
 """Area of a face over the square of its longest side below which it has none."""
@@ -34,10 +34,7 @@ SHORT = 1e-9
 """Side of a face over its longest one below which it has no length."""
 EXTENT = (1e-6, 1e9)
 """Least and largest width of a mesh, mm."""
-_WELD = 1e-5
-"""Share of the diagonal within which vertices of open edges are one, and of these edges..."""
-_WELD_SIDE = 0.05
-"""...the share that it must be below."""
+_HALVINGS = 4
 
 
 def mended(mesh: PolygonMesh, *, cage: bool = False) -> PolygonMesh:
@@ -63,9 +60,9 @@ def mended(mesh: PolygonMesh, *, cage: bool = False) -> PolygonMesh:
             figure=size,
             remedy=f"scale it to between {EXTENT[0]:g} and {EXTENT[1]:g} mm",
         )
-    mesh = _without_repeats(mesh)
-    mesh = _welded(mesh)
-    mesh = _without_doubles(mesh)
+    mesh = without_repeats(mesh)
+    mesh = welded(mesh)
+    mesh = without_doubles(mesh)
     mesh = _checked_faces(mesh, cage)
     _check_edges(mesh)
     mesh = _oriented(mesh)
@@ -92,11 +89,9 @@ def bodies(mesh: PolygonMesh, *, cage: bool = False) -> list[PolygonMesh]:
     OrientationError
         A skin has no volume.
     """
-    rows, face = mesh.triangles()
-    pairs = () if cage else self_intersections(mesh.vertices, rows)
-    if len(pairs):
-        raise _cut(mesh, face[np.asarray(pairs).ravel()])
-    skins = [mesh.take(members) for members in _components(mesh)]
+    if not cage:
+        _check_uncut(mesh)
+    skins = [mesh.take(members) for members in components(mesh)]
     sizes = np.array([skin.volume() for skin in skins])
     for skin, size in zip(skins, sizes, strict=True):
         if abs(size) < FLAT * skin.diagonal**3:
@@ -124,6 +119,39 @@ def bodies(mesh: PolygonMesh, *, cage: bool = False) -> list[PolygonMesh]:
                 )
         found.append(replace(_joined(parts), notes=(*mesh.notes, *notes)))
     return found
+
+
+def _check_uncut(mesh: PolygonMesh) -> None:
+    """Refuse faces that cut each other, quads as the bilinear surfaces that they are."""
+    whole = mesh
+    for halving in range(1, _HALVINGS + 2):
+        rows, face = mesh.triangles()
+        pairs = self_intersections(mesh.vertices, rows)
+        if not len(pairs):
+            return
+        # the two triangles of a twisted quad may cut what its surface does not
+        bad = np.unique(mesh.face_number[face[pairs.ravel()]])
+        mesh = _halved(whole.take(np.flatnonzero(np.isin(whole.face_number, bad))), halving)
+    raise _cut(whole, np.flatnonzero(np.isin(whole.face_number, bad)))
+
+
+def _halved(mesh: PolygonMesh, times: int) -> PolygonMesh:
+    """The same bilinear surfaces by smaller quads."""
+    for _ in range(times):
+        x, topology = mesh.vertices, Corners.of(mesh)
+        n, e = len(x), len(topology.edges)
+        middle = np.add.reduceat(x[mesh.corners], mesh.start[:-1], axis=0) / mesh.sizes[:, None]
+        quads = np.column_stack(
+            [mesh.corners, n + topology.edge, n + e + mesh.face_of, n + topology.before]
+        )
+        mesh = replace(
+            mesh,
+            vertices=np.concatenate([x, x[topology.edges].mean(axis=1), middle]),
+            corners=quads.ravel(),
+            start=4 * np.arange(len(quads) + 1),
+            face_number=mesh.face_number[mesh.face_of],
+        )
+    return mesh
 
 
 def _cut(mesh: PolygonMesh, faces: np.ndarray) -> SelfIntersectionError:
@@ -197,118 +225,6 @@ def _contains(skin: PolygonMesh, point: np.ndarray) -> bool:
     return abs(angle.sum()) > 2.0 * np.pi
 
 
-def _components(mesh: PolygonMesh) -> list[np.ndarray]:
-    """Faces by parts that share vertices."""
-    n = len(mesh.vertices)
-    graph = coo_array((np.ones(len(mesh.corners)), (mesh.corners, mesh.following)), (n, n))
-    _, label = connected_components(graph, directed=False)
-    part = label[mesh.corners[mesh.start[:-1]]]
-    return [np.flatnonzero(part == k) for k in np.unique(part)]
-
-
-def _without_repeats(mesh: PolygonMesh) -> PolygonMesh:
-    """Without corners that repeat the one before."""
-    twice = mesh.corners == mesh.following
-    if not twice.any():
-        return mesh
-    sizes = np.bincount(mesh.face_of[~twice], minlength=len(mesh))
-    faces = np.unique(mesh.face_of[twice])
-    few = faces[sizes[faces] < 3]
-    if len(few):
-        raise InputError(
-            f"{some('face', mesh.face_number[few])} {have(few)} fewer than three different corners",
-            figure=float(len(few)),
-            remedy="remove them in the program that the mesh is from",
-        )
-    note = f"{some('face', mesh.face_number[faces])}: corners that stood twice were left out"
-    return replace(
-        mesh,
-        corners=mesh.corners[~twice],
-        start=np.concatenate([[0], np.cumsum(sizes)]),
-        notes=(*mesh.notes, note),
-    )
-
-
-def _welded(mesh: PolygonMesh) -> PolygonMesh:
-    """With one vertex where several of open edges are at one place, as split vertices are."""
-    if not _open_count(mesh):
-        return mesh
-    _, inverse = np.unique(mesh.vertices, axis=0, return_inverse=True)
-    mesh = _joined_vertices(mesh, inverse.reshape(-1), "lay on")
-    ends, edge = mesh.edges
-    rims = ends[np.bincount(edge) == 1]
-    if not len(rims):
-        return mesh
-    # those that rounding has parted
-    sides = np.linalg.norm(mesh.vertices[rims[:, 0]] - mesh.vertices[rims[:, 1]], axis=1)
-    rim = np.unique(rims)
-    span = np.linalg.norm(np.ptp(mesh.vertices[rim], axis=0))
-    reach = min(_WELD * span, _WELD_SIDE * sides.min())
-    pairs = rim[cKDTree(mesh.vertices[rim]).query_pairs(reach, output_type="ndarray")]
-    n = len(mesh.vertices)
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (n, n))
-    joined = _joined_vertices(mesh, connected_components(graph, directed=False)[1], "lay beside")
-    return joined if _open_count(joined) < len(rims) else mesh
-
-
-def _joined_vertices(mesh: PolygonMesh, label: np.ndarray, how: str) -> PolygonMesh:
-    """With one vertex, the first, for all of one label (n,)."""
-    _, first, label = np.unique(label, return_index=True, return_inverse=True)
-    count = len(label) - len(first)
-    if not count:
-        return mesh
-    label = label.reshape(-1)
-    return replace(
-        mesh,
-        vertices=mesh.vertices[first],
-        corners=label[mesh.corners],
-        creases=np.sort(label[mesh.creases], axis=1),
-        points=label[mesh.points],
-        vertex_number=mesh.vertex_number[first],
-        notes=(*mesh.notes, f"{number_of(count, 'vertex')} that {how} others joined with them"),
-    )
-
-
-def _without_doubles(mesh: PolygonMesh) -> PolygonMesh:
-    """Without faces, and without whole parts of the surface, that are there twice."""
-    notes = mesh.notes
-    _, edge = mesh.edges
-    # all edges of a face too many have too many faces
-    least = np.minimum.reduceat(np.bincount(edge)[edge], mesh.start[:-1])
-    double = (_first_alike(mesh, mesh.corners) != np.arange(len(mesh))) & (least > 2)
-    if double.any():
-        notes = (*notes, f"{some('face', mesh.face_number[double])}: there twice, left out once")
-        mesh = replace(mesh.take(np.flatnonzero(~double)), notes=notes)
-    parts = _components(mesh)
-    if len(parts) == 1:
-        return mesh
-    _, place = np.unique(mesh.vertices, axis=0, return_inverse=True)
-    part = np.empty(len(mesh), dtype=np.int64)
-    for k, members in enumerate(parts):
-        part[members] = k
-    first = _first_alike(mesh, place.reshape(-1)[mesh.corners])
-    alone = np.bincount(part[part[first] == part], minlength=len(parts)) > 0
-    if alone.all():
-        return mesh
-    again = [
-        f"the {len(parts[k])} faces around face {mesh.face_number[parts[k][0]]}:"
-        " there twice, left out once"
-        for k in np.flatnonzero(~alone)
-    ]
-    return replace(mesh.take(np.flatnonzero(alone[part])), notes=(*notes, *again))
-
-
-def _first_alike(mesh: PolygonMesh, corners: np.ndarray) -> np.ndarray:
-    """For each face the first one that has the same corners (nc,) in any order, (nf,)."""
-    result = np.arange(len(mesh))
-    for size in np.unique(mesh.sizes):
-        faces = np.flatnonzero(mesh.sizes == size)
-        rows = np.sort(corners[mesh.start[faces][:, None] + np.arange(size)], axis=1)
-        _, first, same = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-        result[faces] = faces[first][same.reshape(-1)]
-    return result
-
-
 def _checked_creases(mesh: PolygonMesh) -> PolygonMesh:
     """Without creases that are no edges."""
     ends, _ = mesh.edges
@@ -323,11 +239,6 @@ def _checked_creases(mesh: PolygonMesh) -> PolygonMesh:
         sharpness=mesh.sharpness[known],
         notes=(*mesh.notes, f"creases left out, for no face has them: {lost}"),
     )
-
-
-def _open_count(mesh: PolygonMesh) -> int:
-    _, edge = mesh.edges
-    return int(np.count_nonzero(np.bincount(edge) == 1))
 
 
 def _checked_faces(mesh: PolygonMesh, cage: bool) -> PolygonMesh:
@@ -389,12 +300,16 @@ def _at(mesh: PolygonMesh, faces: np.ndarray) -> str:
 
 
 def _bow_ties(mesh: PolygonMesh) -> np.ndarray:
-    """Faces with four corners of which opposite sides cut each other, seen along their normal."""
+    """Quads of which opposite sides cut each other, seen along their normal, and that turn over.
+
+    A twisted quad may look crossed and still be a patch with one side.
+    """
     quads = np.flatnonzero(mesh.sizes == 4)
     if not len(quads):
         return quads
     x = mesh.vertices[mesh.corners[mesh.start[quads][:, None] + np.arange(4)]]
-    # of a crossed quad the diagonals' product is small or the two halves turn against each other
+    normal = np.cross(np.roll(x, -1, axis=1) - x, np.roll(x, 1, axis=1) - x)
+    over = np.einsum("qci,qi->qc", normal, normal.sum(axis=1)).min(axis=1) <= 0.0
     frame = np.linalg.svd(x - x.mean(axis=1, keepdims=True), full_matrices=False)[2][:, :2]
     flat = np.einsum("qci,qki->qck", x - x.mean(axis=1, keepdims=True), frame)
 
@@ -405,7 +320,7 @@ def _bow_ties(mesh: PolygonMesh) -> np.ndarray:
     def cut(a: int, b: int, c: int, d: int) -> np.ndarray:
         return (side(a, b, c) * side(a, b, d) < 0.0) & (side(c, d, a) * side(c, d, b) < 0.0)
 
-    return quads[cut(0, 1, 2, 3) | cut(1, 2, 3, 0)]
+    return quads[over & (cut(0, 1, 2, 3) | cut(1, 2, 3, 0))]
 
 
 def _check_edges(mesh: PolygonMesh) -> None:
@@ -467,7 +382,7 @@ def _oriented(mesh: PolygonMesh) -> PolygonMesh:
         mesh = mesh.turned(turn)
         notes = (*notes, f"{some('face', mesh.face_number[turn])}: turned as their neighbours")
     inward = np.zeros(len(mesh), dtype=bool)
-    parts = _components(mesh)
+    parts = components(mesh)
     for part in parts:
         inward[part] = mesh.take(part).volume() < 0.0
     if len(parts) == 1 and inward.any():
