@@ -35,6 +35,9 @@ SCHEMA = 2
 
 WHEELS = ("numpy", "scipy", "netgen-mesher", "gmsh", "pytetwild", "cgal", "scikit-fem", "pyvista")
 
+_ROW = 600
+"""Characters that a row of a table may have to be written as one line."""
+
 _ROUNDING = 1e-13
 """Moves of control points below this share of the diagonal come from exact refinement."""
 
@@ -399,10 +402,33 @@ def write(figures: Mapping[str, Any], path: Path) -> None:
     FaultError
         A figure is not finite: it was never computed.
     """
-    bad = _not_finite(figures)
-    if bad:
-        raise FaultError(f"figures of the report are not finite: {', '.join(bad)}")
-    path.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+    try:
+        text = _text(figures)
+    except ValueError:
+        bad = ", ".join(_not_finite(figures))
+        raise FaultError(f"figures of the report are not finite: {bad}") from None
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def _text(value: Any, indent: str = "") -> str:
+    """JSON with a key a line; a row of a table, of which there may be thousands, is one line.
+
+    Raises
+    ------
+    ValueError
+        A figure is not finite.
+    """
+    deeper = indent + " "
+    if isinstance(value, Mapping) and value:
+        rows = [f"{json.dumps(str(key))}: {_text(one, deeper)}" for key, one in value.items()]
+    elif isinstance(value, list | tuple) and any(isinstance(one, Mapping) for one in value):
+        rows = [json.dumps(one, allow_nan=False) for one in value]
+        if max(map(len, rows)) > _ROW:
+            rows = [_text(one, deeper) for one in value]
+    else:
+        return json.dumps(value, allow_nan=False)
+    first, last = "{}" if isinstance(value, Mapping) else "[]"
+    return f"{first}\n{deeper}" + f",\n{deeper}".join(rows) + f"\n{indent}{last}"
 
 
 def _not_finite(value: Any, name: str = "") -> list[str]:

@@ -5,13 +5,14 @@
 from __future__ import annotations
 
 import cProfile
+import json
 import pstats
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from HybridVolume import exchange
+from HybridVolume import exchange, report
 from HybridVolume.core import bspline
 from HybridVolume.core.assembly import build_surface, direction_strips
 from HybridVolume.core.check import check_surface, check_uncut
@@ -22,6 +23,7 @@ from HybridVolume.core.reached import _between_nodes
 from HybridVolume.core.refinement import divide_faces, flatten_spans
 from HybridVolume.core.shell import Shell
 from HybridVolume.core.surface import SplineFace
+from HybridVolume.errors import FaultError
 
 LINE = np.array([0.0, 0.0, 1.0, 1.0])
 
@@ -131,6 +133,24 @@ def test_faces_travel_bit_for_bit(tmp_path):
         assert all(map(np.array_equal, face.knots, other.knots))
         assert np.array_equal(face.control_points, other.control_points)
         assert np.array_equal(face.weights, other.weights)
+
+
+def test_reports_of_many_faces_have_a_line_a_face(tmp_path):
+    rows = [{"face": f"Face{k}", "w0": {"min": 0.1 * k, "max": k}, "why": ""} for k in range(3000)]
+    figures = {
+        "shell": {"faces": rows, "levels": [0.1, 1 / 3, 1e-300], "none": None, "notes": []},
+        "volumes": [{"input": {"file": 'a "b" ä', "rows": rows[:9]}}, {"input": {}}],
+    }
+    path = tmp_path / "report.json"
+    report.write(figures, path)
+    text = path.read_text(encoding="utf-8")
+    assert json.loads(text) == figures
+    assert 3000 < text.count("\n") < 3050
+    rows[1234]["w0"]["max"] = float("nan")
+    path.unlink()
+    with pytest.raises(FaultError, match=r"not finite: shell.faces\[1234\].w0.max"):
+        report.write(figures, path)
+    assert not path.exists()
 
 
 @pytest.mark.parametrize("half", [0.1, 0.7, 1.2, 1.5])
