@@ -14,6 +14,9 @@ What macros and scripts use::
     finer = HybridVolume.remesh(volume, size=1.0, face_sizes={"Face3": 0.2})
     HybridVolume.export_mesh(volume, "fandisk.med")      # or .inp, .unv, .msh, .vtu
 
+    cage = HybridVolume.import_mesh("fish.obj", scheme="catmull-clark")[0]    # keeps its mesh
+    cage.Scheme = "smooth"
+
     mid = HybridVolume.edit_midstructure(FreeCAD.ActiveDocument.getObject("Midstructure"))
     mid.remove(faces=("Face3", "Face9"))
 
