@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from HybridVolume.core.catmull_clark import catmull_clark
+from HybridVolume.core.catmull_clark import catmull_clark, default_steps
 from HybridVolume.core.polygon_repair import bodies, mended
 from HybridVolume.core.polygons import PolygonMesh
 from HybridVolume.sources.polygon_files import read_polygons
@@ -210,9 +210,9 @@ def make(task: Mapping[str, Any]) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``rows``, each with ``steps``, ``quads``, ``patches``, the largest distance ``distance``
-        and the root mean square ``rms``, both mm, ``share`` of the diagonal, and ``told``, what the
-        program itself says, mm.
+        ``rows``, each with ``steps`` (``default`` where nobody asks for others), ``quads``,
+        ``patches``, the largest distance ``distance`` and the root mean square ``rms``, both mm,
+        ``share`` of the diagonal, and ``told``, what the program itself says, mm.
     """
     if "torus" in task:
         mesh = PolygonMesh.of(*torus_cage(*task["torus"]))
@@ -223,6 +223,7 @@ def make(task: Mapping[str, Any]) -> dict[str, Any]:
     while len(cage.x) < POINTS:
         cage, depth = cage.refine(), depth + 1
     points = cage.limit()
+    usual = max(default_steps(mesh), int((mesh.sizes != 4).any()))
     rows = []
     for steps in STEPS:
         if steps == 0 and (mesh.sizes != 4).any():
@@ -237,6 +238,7 @@ def make(task: Mapping[str, Any]) -> dict[str, Any]:
         rows.append(
             {
                 "steps": steps,
+                "default": steps == usual,
                 "quads": made.quads,
                 "patches": len(made.faces),
                 "distance": float(off.max()),

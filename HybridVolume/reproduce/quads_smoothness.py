@@ -47,7 +47,8 @@ def make(task: Mapping[str, Any]) -> dict[str, Any]:
     if task["scheme"] == "smooth":
         made, steps = smooth_quads(cage), int((cage.sizes != 4).any())
     else:
-        made, steps = catmull_clark(cage), 1
+        made = catmull_clark(cage)
+        steps = made.steps
     pieces = pieces_of(made.faces)
     sides = shared_sides(pieces)
     sharp = _sharp(cage, steps, sides, 1e-9 * pieces.diagonal)

@@ -236,7 +236,7 @@ def _limits(cases: Sequence[Case]) -> str:
     rows = [
         (
             f"{case['case']} ({case['points']} points)" if number == 0 else "",
-            str(row["steps"]),
+            f"{row['steps']} (default)" if row["default"] else str(row["steps"]),
             str(row["quads"]),
             str(row["patches"]),
             f"{row['distance']:.2e}",
