@@ -32,6 +32,7 @@ STILL_SHARP = 0.5
 """Sharpness that is left after them from which on an edge is taken as sharp for good."""
 _DEEP = 2
 _DEEP_QUADS = 60_000
+_NEARER = 4
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class CatmullClark:
     quads : int
         Quads of the cage that the patches stand for.
     distance : float
-        Largest distance of the limit surface from the patches, at the same parameters, mm.
+        Largest distance of points of the limit surface from the patch of their quad, mm.
     normal_jump : float
         Largest angle between normals at sides of quads that are not sharp, rad.
     steps : int
@@ -228,9 +229,8 @@ def _distance(cage: PolygonMesh, nets: np.ndarray) -> float:
         root = np.repeat(root, 4)
     limit = limit_points(deep)[deep.quads]
     # one corner of each quad says it all but for sides, which neighbours have in common
-    left, right = (_bernstein(uv[:, 0, axis])[0] for axis in (0, 1))
-    points = np.einsum("qa,qb,qabd->qd", left, right, nets[root], optimize=True)
-    off = np.linalg.norm(points - limit[:, 0], axis=1)
+    uv = uv[:, 0]
+    off = _off(nets[root], uv, limit[:, 0])
     # edges that are still half sharp: the limit is between that with and that without them
     hard, peak = deep.sharpness >= SHARP, deep.point_sharpness >= SHARP
     if not (hard.all() and peak.all()):
@@ -240,8 +240,29 @@ def _distance(cage: PolygonMesh, nets: np.ndarray) -> float:
             points=deep.points[peak], point_sharpness=deep.point_sharpness[peak],
         )  # fmt: skip
         limit = limit_points(deep)[deep.quads]
-        off = np.maximum(off, np.linalg.norm(points - limit[:, 0], axis=1))
+        off = np.maximum(off, _off(nets[root], uv, limit[:, 0]))
     return float(off.max())
+
+
+def _off(nets: np.ndarray, uv: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Distances of points (q, 3) from patches, at most; uv (q, 2) is near the nearest place."""
+    best = np.full(len(points), np.inf)
+    for _ in range(_NEARER):
+        (left, du), (right, dv) = (_bernstein(uv[:, axis]) for axis in (0, 1))
+        rows = np.einsum("qb,qabd->qad", right, nets, optimize=True)
+        away = points - np.einsum("qa,qad->qd", left, rows)
+        best = np.minimum(best, np.linalg.norm(away, axis=1))
+        # a Gauss-Newton step along the surface; any place bounds the distance from above
+        along = np.einsum("qa,qad->qd", du, rows)
+        across = np.einsum("qa,qb,qabd->qd", left, dv, nets, optimize=True)
+        uu, uw, ww = (
+            (a * b).sum(axis=1) for a, b in ((along, along), (along, across), (across, across))
+        )
+        at_u, at_w = (along * away).sum(axis=1), (across * away).sum(axis=1)
+        whole = np.maximum(uu * ww - uw * uw, 1e-12 * uu * ww + 1e-300)
+        step = np.column_stack([ww * at_u - uw * at_w, uu * at_w - uw * at_u]) / whole[:, None]
+        uv = np.clip(uv + np.clip(step, -0.5, 0.5), 0.0, 1.0)
+    return best
 
 
 def _normal_jump(cage: PolygonMesh, nets: np.ndarray, sharp: np.ndarray) -> float:
