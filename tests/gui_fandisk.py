@@ -26,7 +26,7 @@ from gui_scenarios import (
 from PySide import QtCore, QtGui
 
 FANDISK = Path(__file__).resolve().parent.parent / "resources" / "examples" / "fandisk.step"
-FIXED, PUSHED, FORCE = "Face23", "Face32", 50.0
+FIXED, PUSHED, FORCE = "Face4", "Face84", 50.0
 """The front of the foot, and the top of the blade with a force on it, N."""
 
 

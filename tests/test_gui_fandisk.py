@@ -23,9 +23,9 @@ def test_the_fandisk_from_its_file_to_von_mises(tmp_path):
         HYBRIDVOLUME_ORDER="1",
     )
     (body,) = found["picked"]["body"]
-    assert body == "Face32"
+    assert body == "Face84"
     ((_, fixed),), ((_, pushed),) = found["picked"]["fixed"], found["picked"]["pushed"]
-    assert (fixed, pushed) == (["Face23"], ["Face32"])
+    assert (fixed, pushed) == (["Face4"], ["Face84"])
     assert found["force"][0] == pytest.approx(50.0)
     assert not found["told"] and found["refused"] == ""
     assert found["status bar"].startswith("Next: pick a face of ")

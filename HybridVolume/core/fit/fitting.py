@@ -12,9 +12,11 @@ import numpy as np
 from ...errors import InputError, SingularSurfaceError
 from ..assembly import build_surface
 from ..check import check_surface
-from ..midstructure.distances import SurfaceDistance
 from ..polygons import PolygonMesh
 from ..surface import PatchSurface, SplineFace
+from .corners import FlatCorner
+from .fading import faded
+from .measures import corner_angles, distances, widest_cone
 from .padding import padded
 from .patches import STIFFNESS, Sampled, fitted, sampled
 from .reference import SHARP, Reference
@@ -24,7 +26,7 @@ logger = logging.getLogger(__name__)
 
 TOLERANCE = 0.003
 """Share of the diagonal that is reached where nothing else is asked."""
-ROUNDS = 8
+ROUNDS = 10
 OPENING = 0.75
 """Share of the tolerance by which straight corners on features may be moved."""
 WIDEST = 150.0
@@ -33,8 +35,6 @@ MOST_SPANS = 4
 """Knot spans of a ring of quads."""
 STIFFEST = 1e-1
 """Weight of fairness at which nothing is left to try."""
-_LINE = (np.arange(12) + 0.5) / 12
-"""Where patches are compared with the reference, a quad."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +51,12 @@ class Fit:
         Mean distance of the surface from the reference, mm.
     refined, stiffened : int
         Rings of quads with more than one span, and patches with more fairness than others.
+    corners : (patches, 4) array
+        Angles between the sides at the patches' corners, degrees.
+    cone : float
+        Half the opening of the widest cone of normals of a knot span, degrees.
+    opened : tuple of FlatCorner
+        Straight corners on smooth features that were opened.
     """
 
     faces: tuple[SplineFace, ...]
@@ -59,6 +65,9 @@ class Fit:
     mean_distance: float
     refined: int
     stiffened: int
+    corners: np.ndarray
+    cone: float
+    opened: tuple[FlatCorner, ...]
 
 
 def fit(
@@ -91,44 +100,44 @@ def fit(
     """
     goal = Reference(reference, sharp)
     tolerance = tolerance or TOLERANCE * goal.diagonal
-    made = _laid_out(snapped(aligned(quads, goal), goal), goal, OPENING * tolerance)
+    snap = faded(snapped(aligned(quads, goal), goal), goal)
+    made = _laid_out(snap, goal, OPENING * tolerance)
     spans = np.ones(made.ring_count, dtype=int)
     stiffness = np.full(len(made.layout), STIFFNESS)
     best: Fit | None = None
+    worst: list[str] = []
     folded: SingularSurfaceError | None = None
     for _ in range(ROUNDS):
         faces = fitted(made, spans, stiffness)
         surface = build_surface(faces)
-        off, mean = _distances(surface, made, goal)
+        off, mean = distances(surface, made, goal)
         distance = float(max(grid.max() for grid in off))
-        bad = _folds(surface)
+        bad, error = _folds(surface)
         logger.info(
             "fit: %d control points, distance %.3g mm, %d folded patches",
             len(surface.control_points),
             distance,
-            len(bad[0]),
+            len(bad),
         )
-        if not len(bad[0]) and (best is None or distance < best.distance):
+        if not len(bad) and (best is None or distance < best.distance):
             found = (int((spans > 1).sum()), int((stiffness > STIFFNESS).sum()))
-            best = Fit(tuple(faces), surface, distance, mean, *found)
+            angles, cone = corner_angles(surface), widest_cone(surface)
+            best = Fit(tuple(faces), surface, distance, mean, *found, angles, cone, made.opened)
+            worst = [faces[k].name for k, grid in enumerate(off) if grid.max() > tolerance]
         if best is not None and best.distance <= tolerance:
             return best
-        folded = bad[1] or folded
+        folded = error or folded
         before = spans.copy(), stiffness.copy()
-        stiffness[bad[0]] = np.minimum(10.0 * stiffness[bad[0]], STIFFEST)
-        for pair, grid in zip(made.rings, off, strict=True):
-            for axis in (0, 1):
-                spans[pair[axis][grid.max(axis=1 - axis) > tolerance]] += 1
-        spans = np.minimum(spans, MOST_SPANS)
+        stiffness[bad] = np.minimum(10.0 * stiffness[bad], STIFFEST)
+        spans = np.minimum(spans + _wanted(made, spans, off, tolerance), MOST_SPANS)
         if np.array_equal(before[0], spans) and np.array_equal(before[1], stiffness):
             break
     if best is None:
         raise folded
-    worst = [k for k, grid in enumerate(off) if grid.max() > tolerance]
     raise InputError(
         f"the patches come no nearer than {best.distance:.3g} mm"
         f" ({best.distance / goal.diagonal:.2%} of the diagonal)",
-        faces=[faces[k].name for k in worst],
+        faces=worst,
         figure=best.distance,
         remedy="allow that, or give quads that follow the reference's features",
     )
@@ -165,28 +174,27 @@ def _folds(surface: PatchSurface) -> tuple[np.ndarray, SingularSurfaceError | No
     return np.zeros(0, dtype=int), None
 
 
-def _distances(
-    surface: PatchSurface, made: Sampled, goal: Reference
-) -> tuple[list[np.ndarray], float]:
-    """Largest distance at each quad of each patch, (m, n), mm, and the mean."""
-    off, total, count = [], 0.0, 0
-    for k, lines in enumerate(made.lines):
-        at = [(a[:-1, None] + np.diff(a)[:, None] * _LINE).ravel() / a[-1] for a in lines]
-        u, v = (a.ravel() for a in np.meshgrid(*at, indexing="ij"))
-        patch = surface.patches[k]
-        u, v = (t[0] + s * (t[-1] - t[0]) for t, s in zip(patch.knots, (u, v), strict=True))
-        points = surface.evaluate_at(np.full(len(u), k), u, v)
-        away = np.linalg.norm(points - goal.nearest(points)[0], axis=1)
-        total, count = total + float(away.sum()), count + len(away)
-        shape = (len(lines[0]) - 1, len(_LINE), len(lines[1]) - 1, len(_LINE))
-        off.append(away.reshape(shape).max(axis=(1, 3)))
-    # the other way: nothing of the reference may be left out
-    feet = SurfaceDistance(surface).nearest(goal.vertices)
-    for k, lines in enumerate(made.lines):
-        rows = np.flatnonzero(feet.patch == k)
-        cell = [
-            np.clip(np.searchsorted(a / a[-1], feet.uv[rows, axis], "right") - 1, 0, len(a) - 2)
-            for axis, a in enumerate(lines)
-        ]
-        np.maximum.at(off[k], tuple(cell), feet.distance[rows])
-    return off, total / count
+def _wanted(
+    made: Sampled, spans: np.ndarray, off: list[np.ndarray], tolerance: float
+) -> np.ndarray:
+    """Rings that get one more span, (rings,) of 0 and 1: few quads that mend the most.
+
+    A quad that is too far off is mended by either of its rings.
+    """
+    pairs, excess = [], []
+    size = np.zeros(made.ring_count)
+    for (ring_u, ring_v), far in zip(made.rings, off, strict=True):
+        np.add.at(size, ring_u, len(ring_v))
+        np.add.at(size, ring_v, len(ring_u))
+        i, j = np.nonzero(far > tolerance)
+        pairs.append(np.column_stack([ring_u[i], ring_v[j]]))
+        excess.append(far[i, j] / tolerance - 1.0)
+    pair, left = np.concatenate(pairs), np.concatenate(excess)
+    price = np.sqrt(size) * spans
+    more = np.zeros(made.ring_count, dtype=int)
+    while left.any():
+        gain = sum(np.bincount(pair[:, axis], left, made.ring_count) for axis in (0, 1))
+        ring = int((gain / price).argmax())
+        more[ring] = 1
+        left[(pair == ring).any(axis=1)] = 0.0
+    return more
