@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from HybridVolume import exchange, report
-from HybridVolume.core import bspline
+from HybridVolume.core import bspline, intersection
 from HybridVolume.core.assembly import build_surface, direction_strips
 from HybridVolume.core.check import check_surface, check_uncut
 from HybridVolume.core.cones import in_half_space
@@ -194,3 +194,35 @@ def test_python_does_not_loop_over_patches():
     # reading, checking and naming a face take 185 to 200 calls; arrays for each patch in one of
     # these functions would add some tens
     assert grown / (960 - 240) < 220
+
+
+def test_crossings_of_states_that_differ_in_places(torus, monkeypatch):
+    """As from the start, whatever has moved, been turned over or lost its area since."""
+    mesh = torus.triangulation(1)
+    rng = np.random.default_rng(5)
+    known = intersection.CrossingPairs()
+    compared = []
+    full = intersection._prepare
+    monkeypatch.setattr(
+        intersection, "_prepare", lambda x, rows: compared.append(len(rows)) or full(x, rows)
+    )
+    x, triangles = mesh.vertices.copy(), mesh.triangles.copy()
+    seen = 0
+    for state, count in enumerate([0, 8, 12, 2, 500, 0, 15, 0, 9]):
+        moved = rng.choice(len(x), count, replace=False)
+        x = mesh.vertices.copy()
+        x[moved] += rng.normal(scale=0.9, size=(len(moved), 3))
+        if state == 3:
+            triangles = triangles.copy()
+            triangles[100, 1] = triangles[100, 0]
+        if state == 6:
+            x *= 1e12
+        compared.clear()
+        found = known.find(x, triangles)
+        mine = list(compared)
+        expected = intersection.self_intersections(x, triangles)
+        assert np.array_equal(found, expected)
+        seen += len(found)
+        # some of the 1920 triangles only are looked at where little has moved
+        assert (mine[0] < 300) == (state in (1, 2, 3, 8))
+    assert seen > 60

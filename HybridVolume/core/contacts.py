@@ -15,7 +15,7 @@ import numpy as np
 from scipy import sparse
 
 from .evaluation import grid_places, grid_quads
-from .intersection import self_intersections
+from .intersection import CrossingPairs, self_intersections
 from .surface import PatchSurface
 
 STIFFNESS = 100.0
@@ -62,6 +62,7 @@ class TestGrid:
         self.matrix = surface.basis_at(outer.vertex_patch, *outer.vertex_uv.T)
         triangles = outer.triangles if spans is None else self.triangles(outer.vertices)
         self.outer_embedded = not len(self_intersections(outer.vertices, triangles))
+        self._pairs = CrossingPairs()
 
     def triangles(self, vertices: np.ndarray) -> np.ndarray:
         """Every cell cut along its shorter diagonal, (nt, 3)."""
@@ -77,7 +78,7 @@ class TestGrid:
         """Triangles, and pairs of them that cross, for control points of the inner surface."""
         vertices = self.matrix @ inner
         triangles = self.triangles(vertices)
-        return triangles, self_intersections(vertices, triangles)
+        return triangles, self._pairs.find(vertices, triangles)
 
 
 @dataclass(frozen=True)

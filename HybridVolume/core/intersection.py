@@ -23,6 +23,9 @@ from .predicates import cross_product, dot_sign, orientation_2d, orientation_3d
 
 _CHUNK = 200_000
 
+_ANEW = 0.4
+"""Share of changed triangles from which all are compared again."""
+
 
 @dataclass(frozen=True)
 class _Triangles:
@@ -121,12 +124,68 @@ def self_intersections(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarra
     """
     vertices, triangles = _checked(vertices, triangles)
     surface = _prepare(_scaled(vertices)[0], triangles)
-    pairs = surface.tree().self_pairs()
+    return _sorted_rows(_self_pairs(surface, surface.tree()))
+
+
+def _self_pairs(surface: _Triangles, tree: BoxTree) -> np.ndarray:
+    """Pairs i < j that cross, and (i, i) for triangles without area, in any order."""
     hits = [np.stack([surface.flat, surface.flat], axis=1)]
-    for part in _parts(pairs):
+    for part in _parts(tree.self_pairs()):
         crossing = _cross(surface, surface, part, shared_vertices=True)
         hits.append(surface.number[part[crossing]])
-    return _sorted_rows(np.concatenate(hits))
+    return np.concatenate(hits)
+
+
+class CrossingPairs:
+    """What `self_intersections` finds, for one triangulation in states that differ in places.
+
+    Triangles that stand as they did are not compared with each other again. The answers are the
+    same.
+    """
+
+    def __init__(self) -> None:
+        self._known: tuple[_Triangles, BoxTree, np.ndarray, np.ndarray] | None = None
+
+    def find(self, vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+        """Pairs for the next state, as of :func:`self_intersections`.
+
+        Parameters
+        ----------
+        vertices : (n, 3) array
+            mm.
+        triangles : (m, 3) int array
+            As many as before; a corner may be another vertex.
+        """
+        vertices, triangles = _checked(vertices, triangles)
+        (points,) = _scaled(vertices)
+        changed = self._changed(points, triangles)
+        if changed is None or np.count_nonzero(changed) > _ANEW * len(triangles):
+            surface = _prepare(points, triangles)
+            tree = surface.tree()
+            found = _sorted_rows(_self_pairs(surface, tree))
+            self._known = surface, tree, triangles, found
+            return found
+        before, tree, _, found = self._known
+        number = np.flatnonzero(changed)
+        moved = _prepare(points, triangles[number])
+        own = moved.tree()
+        hits = [found[~changed[found].any(axis=1)], number[_self_pairs(moved, own)]]
+        pairs = own.pairs(tree)
+        for part in _parts(pairs[~changed[before.number[pairs[:, 1]]]]):
+            crossing = part[_cross(moved, before, part, shared_vertices=True)]
+            both = [number[moved.number[crossing[:, 0]]], before.number[crossing[:, 1]]]
+            hits.append(np.sort(np.stack(both, axis=1), axis=1))
+        return _sorted_rows(np.concatenate(hits))
+
+    def _changed(self, points: np.ndarray, triangles: np.ndarray) -> np.ndarray | None:
+        """Triangles that are not as they were, (m,) bool; None where nothing is known."""
+        if self._known is None:
+            return None
+        before, _, known, _ = self._known
+        if before.points.shape != points.shape or known.shape != triangles.shape:
+            return None
+        moved = (before.points != points).any(axis=1)
+        return moved[triangles].any(axis=1) | (known != triangles).any(axis=1)
 
 
 def surfaces_intersect(
