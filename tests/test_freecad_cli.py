@@ -77,6 +77,8 @@ def test_report(completed):
     assert given["area"] == pytest.approx(22.0, rel=1e-12)
     assert given["faces_bit"] + given["faces_exact"] + given["faces_tolerance"] == 6
     assert given["max_deviation"] < 1e-12
+    assert found["evening"]["before"] == found["evening"]["after"]
+    assert found["evening"]["after"]["spans"] == 6 and found["evening"]["sentence"] == ""
     shell = found["shell"]
     assert shell["elements"] == shell["valid"] > 0
     assert shell["undecided"] == shell["invalid"] == 0 and shell["embedded"] is True
@@ -195,7 +197,7 @@ def test_a_file_with_the_midstructure(place, python):
     write_step(plane, place / "plane.step")
     options = ("--midstructure", "plane.step", "--order", "1", "--degree", "2")
     shell = ("--thickness", "mean 0.3 mm", "--face-factor", "Face6=0.5", "--spacing", "ratio 1.5")
-    answer = run(place, "box.step", *options, *shell)
+    answer = run(place, "box.step", *options, *shell, "--span-size", "0.9mm")
     assert answer.returncode == 0, answer.stderr
     found = json.loads((place / "box" / "report.json").read_text())
     assert found["midstructure"]["method"] == found["midstructure"]["asked"] == "own"
@@ -203,6 +205,12 @@ def test_a_file_with_the_midstructure(place, python):
     assert found["shell"]["valid"] == found["shell"]["elements"] > 0
     asked = {"kind": "mean", "value": 0.3, "text": "mean 0.3 mm", "factors": {"Face6": 0.5}}
     assert found["shell"]["asked"] == asked and found["shell"]["spacing"] == "ratio 1.5"
+    evening = found["evening"]
+    assert evening["asked"] == {"size": 0.9, "aspect": 0.0, "turn": 0.0}
+    assert evening["before"]["spans"] == 6 and evening["before"]["longest"] == pytest.approx(3.0)
+    assert evening["after"]["spans"] >= 2 * (4 * 3 + 4 * 2 + 3 * 2)
+    assert evening["after"]["longest"] <= 0.9 and "asked: to 0.9 mm" in evening["sentence"]
+    assert f"box: {evening['sentence']}" in answer.stdout.splitlines()
     first, second = found["shell"]["layer_heights"]
     assert second / first == pytest.approx(1.5, rel=1e-6)
     rows = {row["face"]: row for row in found["shell"]["faces"]}
@@ -218,6 +226,7 @@ def test_a_file_with_the_midstructure(place, python):
         assert volume.Status == doc.Midstructure.Status == "Up to date"
         assert (volume.ThicknessKind, volume.Thickness.Value) == ("Mean", 0.3)
         assert (volume.Spacing, volume.LayerRatio) == ("Ratio", 1.5)
+        assert (volume.SpanSize.Value, volume.SpanAspect, volume.SpanTurn) == (0.9, 0.0, 0.0)
         assert volume.FaceFactors == ["Face6 = 0.5"] and volume.Degree == 2
         assert set(volume.FaceThickness) == {f"Face{k}" for k in range(1, 7)}
         geometry.Placement.Base = FreeCAD.Vector(0.1, 0, 0)

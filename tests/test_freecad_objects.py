@@ -163,6 +163,11 @@ def test_saved_and_reopened(doc, box, volume, tmp_path):
         ),
         (lambda volume: setattr(volume, "Spacing", "Ratio"), "Out of date: Spacing changed"),
         (lambda volume: setattr(volume, "Method", "paper"), "Out of date: Method changed"),
+        (lambda volume: setattr(volume, "SpanSize", "2 cm"), "Out of date: SpanSize changed"),
+        (
+            lambda volume: setattr(volume, "SpanAspect", 1.5),
+            "Failed: the aspect of spans is 1.5; choose 2 or more, or 0 for any",
+        ),
         # a level is asked for, and layers of equal volume: these lengths count for nothing
         (lambda volume: setattr(volume, "Thickness", 7.0), "Up to date"),
         (lambda volume: setattr(volume, "FirstLayer", 7.0), "Up to date"),

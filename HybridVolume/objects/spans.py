@@ -7,6 +7,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from HybridVolume.errors import InputError
+
 from .properties import Property
 
 if TYPE_CHECKING:
@@ -77,6 +79,27 @@ def evenness_of(values: Mapping[str, Any]) -> Evenness:
     from HybridVolume.core.even import Evenness
 
     return Evenness(values["SpanSize"], values["SpanAspect"], values["SpanTurn"])
+
+
+def changed_values(values: Mapping[str, Any]) -> dict[str, float]:
+    """Values of :data:`DEFAULTS` for :data:`KEYWORDS`; what is not given is left out.
+
+    Raises
+    ------
+    InputError
+        A value is no number, or out of its range.
+    """
+    found = {}
+    for keyword, name in KEYWORDS.items():
+        if keyword in values:
+            try:
+                found[name] = float(values[keyword])
+            except (TypeError, ValueError):
+                raise InputError(
+                    f"{keyword} is {values[keyword]!r}", remedy="choose a number, or 0 for any"
+                ) from None
+    evenness_of({**DEFAULTS, **found})
+    return found
 
 
 def parameters_of(asked: Mapping[str, float]) -> dict[str, float]:

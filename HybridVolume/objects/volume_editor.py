@@ -252,8 +252,7 @@ def changed_parameters(**values: Any) -> dict[str, Any]:
         found["FaceFactors"] = shell.factor_texts(factors)
     if "spacing" in values:
         found |= shell.spacing_parameters(Spacing.parse(str(values["spacing"])))
-    found |= {key: float(values[name]) for name, key in spans.KEYWORDS.items() if name in values}
-    spans.evenness_of({**spans.DEFAULTS, **found})
+    found |= spans.changed_values(values)
     for name, key in (("layers", "Layers"), ("degree", "Degree")):
         if name in values:
             found[key] = int(values[name])
