@@ -45,7 +45,8 @@ class CatmullClark:
     quads : int
         Quads of the cage that the patches stand for.
     distance : float
-        Largest distance of points of the limit surface from the patch of their quad, mm.
+        Largest distance of points of the limit surface from the patch of their quad, of points of
+        sides from its side, mm.
     normal_jump : float
         Largest angle between normals at sides of quads that are not sharp, rad.
     steps : int
@@ -245,7 +246,12 @@ def _distance(cage: PolygonMesh, nets: np.ndarray) -> float:
 
 
 def _off(nets: np.ndarray, uv: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Distances of points (q, 3) from patches, at most; uv (q, 2) is near the nearest place."""
+    """Distances of points (q, 3) from patches, at most; uv (q, 2) is near the nearest place.
+
+    Points of sides are compared with the patch's side: beside a crest, which is farther off the
+    limit surface than that is off it, a patch may be nearer than its crest.
+    """
+    inner = (uv > 0.0) & (uv < 1.0)
     best = np.full(len(points), np.inf)
     for _ in range(_NEARER):
         (left, du), (right, dv) = (_bernstein(uv[:, axis]) for axis in (0, 1))
@@ -253,13 +259,14 @@ def _off(nets: np.ndarray, uv: np.ndarray, points: np.ndarray) -> np.ndarray:
         away = points - np.einsum("qa,qad->qd", left, rows)
         best = np.minimum(best, np.linalg.norm(away, axis=1))
         # a Gauss-Newton step along the surface; any place bounds the distance from above
-        along = np.einsum("qa,qad->qd", du, rows)
-        across = np.einsum("qa,qb,qabd->qd", left, dv, nets, optimize=True)
+        along = np.einsum("qa,qad->qd", du, rows) * inner[:, :1]
+        across = np.einsum("qa,qb,qabd->qd", left, dv, nets, optimize=True) * inner[:, 1:]
         uu, uw, ww = (
             (a * b).sum(axis=1) for a, b in ((along, along), (along, across), (across, across))
         )
         at_u, at_w = (along * away).sum(axis=1), (across * away).sum(axis=1)
-        whole = np.maximum(uu * ww - uw * uw, 1e-12 * uu * ww + 1e-300)
+        uu, ww = (a + (a == 0.0) for a in (uu, ww))
+        whole = np.maximum(uu * ww - uw * uw, 1e-12 * uu * ww)
         step = np.column_stack([ww * at_u - uw * at_w, uu * at_w - uw * at_u]) / whole[:, None]
         uv = np.clip(uv + np.clip(step, -0.5, 0.5), 0.0, 1.0)
     return best
