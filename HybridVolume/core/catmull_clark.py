@@ -33,6 +33,11 @@ STILL_SHARP = 0.5
 _DEEP = 2
 _DEEP_QUADS = 60_000
 _NEARER = 4
+_MARGIN = 1.05
+"""On top of the largest distance that was seen, for what lies between the places."""
+_PLACES = 4
+_SHARE = 0.4
+_MOST_ROWS = 4000
 
 
 @dataclass(frozen=True)
@@ -212,7 +217,10 @@ def _bernstein(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _distance(cage: PolygonMesh, nets: np.ndarray) -> float:
-    """Largest distance of vertices of a much finer cage, on the limit surface, from the patches."""
+    """Largest distance of the limit surface from the patches, by a much finer cage.
+
+    All its vertices are looked at, and between them where they are farthest off.
+    """
     uv = np.tile(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]), (len(cage), 1, 1))
     root = np.arange(len(cage))
     deep = cage
@@ -230,8 +238,9 @@ def _distance(cage: PolygonMesh, nets: np.ndarray) -> float:
         root = np.repeat(root, 4)
     limit = limit_points(deep)[deep.quads]
     # one corner of each quad says it all but for sides, which neighbours have in common
-    uv = uv[:, 0]
-    off = _off(nets[root], uv, limit[:, 0])
+    off = _off(nets[root], uv[:, 0], limit[:, 0])
+    if off.max() > 1e-12 * cage.diagonal:
+        off = np.maximum(off, _between(deep, uv, root, off, nets))
     # edges that are still half sharp: the limit is between that with and that without them
     hard, peak = deep.sharpness >= SHARP, deep.point_sharpness >= SHARP
     if not (hard.all() and peak.all()):
@@ -241,8 +250,31 @@ def _distance(cage: PolygonMesh, nets: np.ndarray) -> float:
             points=deep.points[peak], point_sharpness=deep.point_sharpness[peak],
         )  # fmt: skip
         limit = limit_points(deep)[deep.quads]
-        off = np.maximum(off, _off(nets[root], uv, limit[:, 0]))
-    return float(off.max())
+        off = np.maximum(off, _off(nets[root], uv[:, 0], limit[:, 0]))
+    return _MARGIN * float(off.max())
+
+
+def _between(
+    deep: PolygonMesh, uv: np.ndarray, root: np.ndarray, off: np.ndarray, nets: np.ndarray
+) -> float:
+    """Largest distance between vertices of the finer cage, in the quads that are farthest off."""
+    worst = np.zeros(len(nets))
+    np.maximum.at(worst, root, off)
+    topology = Corners.of(deep)
+    # their own patches are the limit surface
+    regular = (topology.valence[deep.quads] == 4).all(axis=1)
+    rows = np.flatnonzero(regular & (worst[root] > _SHARE * worst.max()))
+    rows = rows[np.argsort(-worst[root[rows]], kind="stable")][:_MOST_ROWS]
+    exact = bezier_nets(deep)[0][rows]
+    line = np.linspace(0.0, 1.0, _PLACES, endpoint=False)
+    value = _bernstein(line)[0]
+    points = np.einsum("sa,tb,qabd->qstd", value, value, exact, optimize=True).reshape(-1, 3)
+    first, along, across = (uv[rows, k][:, None, None] for k in (0, 1, 3))
+    s, t = line[:, None, None], line[:, None]
+    places = (first + s * (along - first) + t * (across - first)).reshape(-1, 2)
+    return float(
+        _off(np.repeat(nets[root[rows]], _PLACES**2, axis=0), places, points).max(initial=0)
+    )
 
 
 def _off(nets: np.ndarray, uv: np.ndarray, points: np.ndarray) -> np.ndarray:
