@@ -136,7 +136,7 @@ def _rectangle(face: Any, edges: list) -> tuple[tuple[float, ...], list[int]] | 
         if found is None:
             return None
         curve, first, last = found
-        points = [curve.value(t) for t in np.linspace(first, last, 7)]
+        points = [curve.value(t) for t in np.linspace(first, last, 7).tolist()]
         if edge.Orientation == "Reversed":
             points.reverse()
         curves.append([(p.x, p.y) for p in points])
@@ -145,28 +145,30 @@ def _rectangle(face: Any, edges: list) -> tuple[tuple[float, ...], list[int]] | 
     size = high - low
     if np.any(size <= 0.0):
         return None
-    sides, lines = [], [[], [], [], []]
-    for points in uv:
-        off = np.abs(np.stack([points - low, points - high])).max(axis=1) / size
-        which = np.array([off[0, 0], off[1, 0], off[0, 1], off[1, 1]])
-        side = int(np.argmin(which))
-        if which[side] > ISO_TOLERANCE:
-            return None
-        sides.append(side)
-        lines[side].append(points)
-    rectangle = []
-    for side, parts in enumerate(lines):
-        if not parts:
-            return None
-        across, along = side // 2, 1 - side // 2
-        runs = np.concatenate([p[:, along] for p in parts])
-        length = sum(abs(p[-1, along] - p[0, along]) for p in parts)
-        covered = np.array([runs.min() - low[along], high[along] - runs.max()])
-        slack = 4.0 * ISO_TOLERANCE * size[along]
-        if np.any(covered > slack) or abs(length - size[along]) > slack:
-            return None
-        rectangle.append(float(np.mean(np.concatenate([p[:, across] for p in parts]))))
-    return tuple(rectangle), sides
+    # how far each edge is from u = low, u = high, v = low, v = high
+    off = np.abs(np.stack([uv - low, uv - high], axis=-1)).max(axis=1) / size[:, None]
+    off = off.reshape(-1, 4)
+    sides = off.argmin(axis=1)
+    if np.any(off.min(axis=1) > ISO_TOLERANCE):
+        return None
+    order = np.argsort(sides, kind="stable")
+    start = np.searchsorted(sides[order], np.arange(4))
+    if np.any(np.bincount(sides, minlength=4) == 0):
+        return None
+    at_u = (sides < 2)[order, None]
+    runs = np.where(at_u, uv[order, :, 1], uv[order, :, 0])
+    across = np.where(at_u, uv[order, :, 0], uv[order, :, 1])
+    along = np.array([1, 1, 0, 0])
+    first_end = np.minimum.reduceat(runs.min(axis=1), start) - low[along]
+    last_end = high[along] - np.maximum.reduceat(runs.max(axis=1), start)
+    length = np.add.reduceat(np.abs(runs[:, -1] - runs[:, 0]), start)
+    slack = 4.0 * ISO_TOLERANCE * size[along]
+    if np.any(np.maximum(first_end, last_end) > slack):
+        return None
+    if np.any(np.abs(length - size[along]) > slack):
+        return None
+    mean = np.add.reduceat(across.mean(axis=1), start) / np.bincount(sides)
+    return tuple(mean.tolist()), sides.tolist()
 
 
 def _middle_vertices(edges: list, sides: list[int]) -> list:
