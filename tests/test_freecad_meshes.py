@@ -99,5 +99,15 @@ def test_the_command_line_takes_a_mesh(tmp_path, capsys, monkeypatch):
     assert report["input"]["mesh"]["normal_jump"] < 1e-9
     assert report["input"]["faces"] == 6
     assert report["shell"]["invalid"] == report["shell"]["undecided"] == 0
+    doc = import_freecad().openDocument(str(tmp_path / "cage" / "cage.FCStd"), hidden=True)
+    try:
+        # the document has the mesh as well
+        body = doc.HybridVolume.Source
+        assert (body.Scheme, body.Steps, body.MeshFile) == ("smooth", 1, "cage.obj")
+        body.Scheme = "bilinear"
+        doc.recompute()
+        assert np.isclose(body.Shape.Volume, 8.0)
+    finally:
+        import_freecad().closeDocument(doc.Name)
     assert main(["body.step", "--scheme", "smooth"]) == 2
     assert "is no mesh" in capsys.readouterr().err

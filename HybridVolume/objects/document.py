@@ -21,6 +21,7 @@ from HybridVolume.sources import check_against_cad, global_shape, read_object
 from . import density, spans, thickness
 from .fem_mesh import AnalysisMesh, PartMesh, inputs_of_mesh, make_mesh_object
 from .inner import make_inner_boundary, stored_volume
+from .mesh_body import make_mesh_body
 from .midstructure import PARAMETERS, insert_found, make_midstructure, search_inputs
 from .prepared_mesh import PARTS, PreparedMesh
 from .properties import include, transaction
@@ -317,16 +318,23 @@ def save_new(prepared: Sequence[Prepared], path: str | os.PathLike) -> None:
     doc = FreeCAD.newDocument(Path(path).stem, hidden=True, temp=True)
     try:
         for one in prepared:
-            source = doc.addObject("Part::Feature", "Body")
-            source.Label = one.completed.body.name
-            source.Shape = one.completed.body.shape
-            insert(doc, source, [one])
+            insert(doc, _body_object(doc, one.completed.body), [one])
         doc.saveAs(str(path))
         if not Path(path).is_file():
             raise FaultError(f"FreeCAD did not write {path}")
     finally:
         FreeCAD.closeDocument(doc.Name)
     _check_saved(path, prepared)
+
+
+def _body_object(doc: Any, body: Body) -> Any:
+    """A body as an object of its own; one from a mesh file keeps its mesh."""
+    if body.mesh is not None:
+        return make_mesh_body(doc, body)
+    source = doc.addObject("Part::Feature", "Body")
+    source.Label = body.name
+    source.Shape = body.shape
+    return source
 
 
 def _check_saved(path: str | os.PathLike, prepared: Sequence[Prepared]) -> None:

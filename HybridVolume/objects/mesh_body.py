@@ -8,7 +8,6 @@ import logging
 import os
 import tempfile
 from dataclasses import fields
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,12 +18,11 @@ from HybridVolume.sources.meshes import (
     SCHEMES,
     STEPS,
     Surfacing,
-    chosen_scheme,
     edge_turns,
     named_bodies,
+    read_mesh,
     surfaced,
 )
-from HybridVolume.sources.polygon_files import read_polygons
 
 from .properties import DocumentObject, Property, include, transaction
 
@@ -165,35 +163,39 @@ def import_mesh(path: str | os.PathLike, doc: Any, surfacing: Surfacing | None =
     InputError
         The file cannot be read, or the mesh or the scheme is refused; the document is as it was.
     """
-    surfacing = surfacing or Surfacing()
-    path = Path(path)
-    mesh = read_polygons(path)
-    scheme = chosen_scheme(mesh, surfacing)
-    chosen = Surfacing(scheme, surfacing.steps, surfacing.sharp_angle)
-    parts = named_bodies(mesh, scheme, path.stem)
-    bodies = [surfaced(part, name, chosen) for name, part in parts.items()]
+    bodies = read_mesh(path, surfacing)
     for body in bodies:
         if body.error is not None:
             raise body.error
-    made = []
     with transaction(doc, "Import mesh"):
-        for part, body in zip(parts.values(), bodies, strict=True):
-            obj = doc.addObject("Part::FeaturePython", "MeshBody")
-            MeshBody(obj)
-            obj.Label = body.name
-            obj.MeshFile = path.name
-            obj.Scheme = scheme
-            obj.Steps = AS_NEEDED if surfacing.steps is None else surfacing.steps
-            obj.SharpAngle = surfacing.sharp_angle
-            _store(obj, part)
-            _show(obj, body)
-            # it is as its properties say: the long work need not be done again
-            obj.purgeTouched()
-            made.append(obj)
+        made = [make_mesh_body(doc, body) for body in bodies]
     for body in bodies:
         for note in body.origin["mesh"]["notes"]:
             logger.info("%s: %s", body.name, note)
     return made
+
+
+def make_mesh_body(doc: Any, body: Body) -> Any:
+    """Add a body from a mesh file, as `sources.meshes.read_mesh` has it, to a document.
+
+    Parameters
+    ----------
+    doc : App.Document
+    body : Body
+        With its ``mesh``.
+    """
+    obj = doc.addObject("Part::FeaturePython", "MeshBody")
+    MeshBody(obj)
+    obj.Label = body.name
+    obj.MeshFile = body.mesh.file
+    obj.Scheme = body.mesh.scheme
+    obj.Steps = AS_NEEDED if body.mesh.steps is None else body.mesh.steps
+    obj.SharpAngle = body.mesh.sharp_angle
+    _store(obj, body.mesh.mesh)
+    _show(obj, body)
+    # it is as its properties say: the long work need not be done again
+    obj.purgeTouched()
+    return obj
 
 
 def _show_relevant(obj: Any) -> None:

@@ -22,7 +22,7 @@ from ..core.surface import SplineFace
 from ..errors import FaultError, InputError
 from ..solids import solid_of
 from .polygon_files import read_polygons
-from .shapes import Body, read_shape
+from .shapes import Body, MeshOrigin, read_shape
 
 logger = logging.getLogger(__name__)
 
@@ -101,7 +101,14 @@ def read_mesh(path: str | os.PathLike, surfacing: Surfacing | None = None) -> li
     mesh = read_polygons(path)
     scheme = chosen_scheme(mesh, surfacing)
     parts = named_bodies(mesh, scheme, path.stem)
-    return [surfaced(part, name, replace(surfacing, scheme=scheme)) for name, part in parts.items()]
+    made = replace(surfacing, scheme=scheme)
+    return [
+        replace(
+            surfaced(part, name, made),
+            mesh=MeshOrigin(path.name, part, scheme, made.steps, made.sharp_angle),
+        )
+        for name, part in parts.items()
+    ]
 
 
 def chosen_scheme(mesh: PolygonMesh, surfacing: Surfacing) -> str:

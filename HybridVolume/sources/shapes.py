@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from .. import errors
+from ..core.polygons import PolygonMesh
 from ..core.surface import PatchSurface, SplineFace
 from .contacts import find_point_contacts
 from .faces import (
@@ -27,6 +28,29 @@ from .faces import (
 logger = logging.getLogger(__name__)
 
 _UNTRIM = "give a body whose faces are whole, four-sided NURBS patches"
+
+
+@dataclass(frozen=True)
+class MeshOrigin:
+    """The mesh that a body was made from, and how.
+
+    Attributes
+    ----------
+    file : str
+        Name of its file.
+    mesh : PolygonMesh
+        Mended, with the numbers of the file.
+    scheme : str
+    steps : int or None
+    sharp_angle : float
+        As `sources.meshes.Surfacing` has them.
+    """
+
+    file: str
+    mesh: PolygonMesh
+    scheme: str
+    steps: int | None
+    sharp_angle: float
 
 
 @dataclass(frozen=True)
@@ -47,6 +71,8 @@ class Body:
         converted face has other parameters.
     origin : dict
         What is known about where the body comes from, for the report; of a mesh file ``mesh``.
+    mesh : MeshOrigin or None
+        The mesh itself that it was made from.
     """
 
     name: str
@@ -55,6 +81,7 @@ class Body:
     error: errors.InputError | None = None
     domains: tuple = ()
     origin: dict[str, Any] = field(default_factory=dict)
+    mesh: MeshOrigin | None = field(default=None, repr=False)
 
 
 def read_object(document_object: Any) -> list[Body]:
