@@ -77,7 +77,7 @@ def play(scenario, folder, ask=False, **variables):
         capture_output=True,
         text=True,
         errors="replace",
-        timeout=240,
+        timeout=480,  # other runs go on beside this one
     )
     assert answer.is_file(), run.stdout[-3000:] + run.stderr[-3000:]
     found = json.loads(answer.read_text())
