@@ -217,6 +217,28 @@ def test_a_face_so_wide_that_it_takes_its_neighbours():
         cover(arrays_of(volume.fem), wide, seconds=60.0)
 
 
+def test_of_many_faces_some_are_looked_at_and_all_are_measured(monkeypatch):
+    body, volume = made("torus")
+    monkeypatch.setattr(coverage, "SAMPLED_FACES", 5)
+    monkeypatch.setattr(coverage, "SAMPLED_NODES", 16 * 4)
+    fem = volume.fem
+    places = Places.of(fem, volume.surface, body)
+    found = cover(arrays_of(fem), body.shape, places, seconds=0.0)
+    assert found.searched == 5 * 4 and found.measured == found.nodes
+    assert (found.faces, found.edges, found.vertices) == (16, 32, 16) and found.lost == ()
+    # without parameters of the nodes nothing else tells where they are: all faces are looked at
+    assert cover(arrays_of(fem), body.shape, seconds=0.0).searched == 16 * 4
+    # what is missed on one of the five is looked for on all
+    search = coverage._Search(
+        arrays := arrays_of(fem),
+        {name: np.unique(rows) for name, (_, rows) in arrays.faces.items()},
+        body.shape.translated(FreeCAD.Vector(0.0, 0.0, 1e-3)),
+        0.0,
+        spread=True,
+    )
+    assert search.result.searched == 16 * 4 and len(search.result.bad) == 16
+
+
 def test_an_edge_without_nodes_is_told():
     body, volume = made("small box")
     search = coverage._Search(
