@@ -22,6 +22,14 @@ def obj(faces=FACES, more=""):
     return "\n".join(lines) + "\n" + more
 
 
+def dart():
+    """A prism over a quad that is not convex: bilinear patches would be folded."""
+    corners = [(0, 0), (2, -1), (0.5, 0), (2, 1)]
+    lines = [f"v {x} {y} {z}" for z in (0, 1) for x, y in corners]
+    lines += ["f 3 2 1 4", "f 7 8 5 6", "f 1 2 6 5", "f 2 3 7 6", "f 3 4 8 7", "f 4 1 5 8"]
+    return "\n".join(lines) + "\n"
+
+
 def off(boxes):
     """Boxes of side 2 along x, as one OFF file."""
     points = [(x + 5 * k, y, z) for k in range(boxes) for x, y, z in POINTS]
@@ -38,6 +46,7 @@ def test_meshes_are_imported(tmp_path):
     (tmp_path / "creased.obj").write_text(obj(more=ring))
     (tmp_path / "open.obj").write_text(obj(FACES[1:]))
     (tmp_path / "two.off").write_text(off(2))
+    (tmp_path / "dart.obj").write_text(dart())
     (tmp_path / "no.ply").write_text("ply\nformat binary\n")
     found = play("gui_import.imported", tmp_path, HYBRIDVOLUME_PYTHON=python)
 
@@ -89,6 +98,11 @@ def test_meshes_are_imported(tmp_path):
     assert broken["enabled"] == []
     assert not found["unreadable"]["import"] and "no.ply" in found["unreadable"]["refusal"]
     assert found["nothing"] == ["MeshBody"]
+    # found out only when the patches are made: the question is asked again
+    folded = found["folded"]
+    assert folded["refusal"].startswith("Not imported: ") and "face" in folded["refusal"]
+    assert folded["checked"] == ["bilinear"] and folded["import"]
+    assert found["after all"]["scheme"] == "smooth" and found["after all"]["volume"] > 0.0
 
     # FreeCAD itself asks, as its own workbench reads such files too
     assert len(found["modules"]) == 2

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,6 @@ from HybridVolume.sources.mesh_findings import MeshFindings, examine
 from HybridVolume.sources.meshes import SCHEMES, STEPS
 from HybridVolume.sources.polygon_files import SUFFIXES
 
-from . import messages
 from .analysis_commands import _Command
 from .forms import load_form
 from .macro import document_text
@@ -106,13 +106,22 @@ class Question:
         self._document = document
         self._withdrawn = False
 
-    def show(self) -> None:
-        """Look at the file and show what is in it."""
+    def show(self, told: str = "", keywords: Mapping[str, Any] | None = None) -> None:
+        """Look at the file and show what is in it.
+
+        Parameters
+        ----------
+        told : str
+            Why an answer could not be followed.
+        keywords : mapping, optional
+            That answer.
+        """
         if self._withdrawn:
             _next()
             return
-        with waiting():
-            self.findings = examine(self.path)
+        if self.findings is None:
+            with waiting():
+                self.findings = examine(self.path)
         dialog = self.dialog = QtGui.QDialog(FreeCADGui.getMainWindow())
         dialog.setObjectName("HybridVolumeImportDialog")
         dialog.setAttribute(QtCore.Qt.WA_DeleteOnClose)
@@ -125,7 +134,7 @@ class Question:
         layout = QtGui.QVBoxLayout(dialog)
         layout.addWidget(self._form)
         layout.addWidget(self._buttons)
-        self._fill()
+        self._fill(told, keywords or {})
         self._buttons.accepted.connect(dialog.accept)
         self._buttons.rejected.connect(dialog.reject)
         dialog.finished.connect(self._finished)
@@ -140,13 +149,14 @@ class Question:
         if self.dialog is not None:
             self.dialog.reject()
 
-    def _fill(self) -> None:
+    def _fill(self, told: str, keywords: Mapping[str, Any]) -> None:
         form, found = self._form, self.findings
+        told = told or found.refusal
         lines = [*found.lines, *found.notes]
         form.found.setText("\n".join(lines))
         form.found.setVisible(bool(lines))
-        form.refusal.setText(found.refusal)
-        form.refusal.setVisible(bool(found.refusal))
+        form.refusal.setText(told)
+        form.refusal.setVisible(bool(told))
         for scheme, name in BUTTONS.items():
             button, words = getattr(form, name), getattr(form, f"{name}Words")
             refused = found.refusals.get(scheme, "")
@@ -154,10 +164,11 @@ class Question:
             words.setEnabled(not refused)
             if refused and not found.refusal:
                 words.setText(f"Not for this mesh: {refused}")
-            button.setChecked(scheme == found.scheme)
+            button.setChecked(scheme == keywords.get("scheme", found.scheme))
             button.toggled.connect(lambda *_: self._show_relevant())
         form.steps.setRange(AS_NEEDED, STEPS[1])
-        form.steps.setValue(AS_NEEDED)
+        form.steps.setValue(keywords.get("steps", AS_NEEDED))
+        form.angle.setValue(keywords.get("sharp_angle", 0.0))
         form.steps.valueChanged.connect(lambda *_: self._show_relevant())
         form.angle.valueChanged.connect(lambda *_: self._show_relevant())
         ok = self._buttons.button(QtGui.QDialogButtonBox.Ok)
@@ -208,12 +219,17 @@ class Question:
         self.dialog = None
 
     def _import(self, keywords: dict[str, Any]) -> None:
+        told = ""
         try:
             import_recorded(self.path, self._document, keywords)
         except HybridVolumeError as error:
-            messages.tell("Import mesh", f"{self.path.name}: {error.line}")
+            told = f"Not imported: {error.line}"
         finally:
-            _next()
+            if told:
+                mesh_import.asked(self)
+                self.show(told, keywords)
+            else:
+                _next()
 
 
 _waiting: list[Question] = []
@@ -240,7 +256,11 @@ def _begin() -> None:
     if not _shown and _waiting:
         question = _waiting.pop(0)
         _shown.append(question)
-        question.show()
+        try:
+            question.show()
+        except BaseException:
+            _shown.clear()
+            raise
 
 
 def _next() -> None:
@@ -280,12 +300,16 @@ def import_recorded(path: Path, document: str, keywords: dict[str, Any]) -> None
             for name in set(FreeCAD.listDocuments()) - before:
                 FreeCAD.closeDocument(name)
             raise
-    _look(isometric=first)
+    # Later: the meshes are not drawn yet.
+    QtCore.QTimer.singleShot(0, lambda: _look(isometric=first))
 
 
 def _look(*, isometric: bool) -> None:
     """Show the whole document, from the corner where nobody has chosen a view yet."""
-    view = FreeCADGui.activeDocument().activeView()
+    doc = FreeCADGui.activeDocument()
+    if doc is None or not hasattr(doc.activeView(), "fitAll"):
+        return
+    view = doc.activeView()
     moving = view.isAnimationEnabled()
     # the second of two flights would begin where the first is by then
     view.setAnimationEnabled(False)
