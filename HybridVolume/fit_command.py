@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 FINENESS = 2e-4
 """Share of the diagonal by which triangles of a CAD reference may miss it."""
+ANGLE = 0.15
+"""Radians by which they may turn from one to the next on a smooth face: less than at features."""
 
 
 def parser() -> Parser:
@@ -136,9 +138,14 @@ def reference_mesh(path: str) -> PolygonMesh:
 
     if Path(path).suffix.lower() in SUFFIXES:
         return mended(read_polygons(path))
-    import numpy as np
+    import MeshPart
 
     shape = read_any_shape(path)
-    points, triangles = shape.tessellate(FINENESS * shape.BoundBox.DiagonalLength)
-    vertices = np.array([tuple(point) for point in points])
-    return mended(PolygonMesh.of(vertices, triangles))
+    # Shape.tessellate does not come to an end on some filleted bodies (OpenCASCADE 7.6)
+    points, triangles = MeshPart.meshFromShape(
+        Shape=shape,
+        LinearDeflection=FINENESS * shape.BoundBox.DiagonalLength,
+        AngularDeflection=ANGLE,
+        Relative=False,
+    ).Topology
+    return mended(PolygonMesh.of([tuple(point) for point in points], triangles))
