@@ -17,7 +17,7 @@ import numpy as np
 
 from .merged_quads import merged_faces
 from .polygons import SHARP, PolygonMesh, off_centre
-from .subdivision import Corners, limit_points, subdivide
+from .subdivision import Corners, dart_points, limit_points, subdivide
 from .surface import SplineFace
 
 STEPS = 1
@@ -155,9 +155,9 @@ def bezier_nets(cage: PolygonMesh, *, creases: bool = True) -> tuple[np.ndarray,
     # the twin side runs back: the corner after it is at this vertex
     begin = 0.5 * (inner + inner[following[twin]])
     end = 0.5 * (inner[following] + inner[twin])
-    ruled = sharp & (count[vertex] >= 2)
+    ruled = sharp & (count[vertex] >= 1)
     begin[ruled] = (2.0 * x[vertex] + x[after])[ruled] / 3.0
-    ruled = sharp & (count[after] >= 2)
+    ruled = sharp & (count[after] >= 1)
     end[ruled] = (2.0 * x[after] + x[vertex])[ruled] / 3.0
     places = _corner_points(cage, topology, inner, on_edge, count)
     nets = np.empty((len(quads), 4, 4, 3))
@@ -205,7 +205,10 @@ def _corner_points(
     ) / np.bincount(cage.corners, minlength=len(x))[:, None]  # fmt: skip
     crease = (4.0 * x + topology.sum_of_neighbours(x, on_edge)) / 6.0
     places = np.where((count == 2)[:, None], crease, places)
-    return np.where((count > 2)[:, None], x, places)
+    places = np.where((count > 2)[:, None], x, places)
+    darts, ends = dart_points(cage, topology, on_edge, count)
+    places[darts] = ends
+    return places
 
 
 def _bernstein(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

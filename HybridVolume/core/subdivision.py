@@ -9,6 +9,7 @@ rules of the step and of the next one are mixed as OpenSubdiv does.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -166,7 +167,7 @@ def _ruled(
 def limit_points(mesh: PolygonMesh) -> np.ndarray:
     """Where the vertices of a mesh of quads lie on the limit surface, (n, 3), mm.
 
-    Exact where edges are smooth or sharp for good, but at vertices where one crease ends.
+    Exact where edges are smooth or sharp for good.
     """
     x, topology = mesh.vertices, Corners.of(mesh)
     quads = mesh.quads
@@ -181,4 +182,62 @@ def limit_points(mesh: PolygonMesh) -> np.ndarray:
         crease = (4.0 * x + topology.sum_of_neighbours(x, chosen)) / 6.0
         places = np.where((count == 2)[:, None], crease, places)
         places = np.where((count > 2)[:, None], x, places)
+        darts, ends = dart_points(mesh, topology, chosen, count)
+        places[darts] = ends
     return places
+
+
+def dart_points(
+    mesh: PolygonMesh, topology: Corners, sharp: np.ndarray, count: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Limits of vertices where one crease ends.
+
+    Parameters
+    ----------
+    mesh : PolygonMesh
+        Of quads.
+    topology : Corners
+    sharp : (e,) bool array
+    count : (n,) array
+        Sharp edges at each vertex.
+
+    Returns
+    -------
+    vertices : (k,) int array
+    places : (k, 3) array
+        mm.
+    """
+    corner = np.flatnonzero(sharp[topology.edge] & (count[mesh.corners] == 1))
+    vertices = mesh.corners[corner]
+    places = np.empty((len(vertices), 3))
+    order = np.argsort(topology.edge, kind="stable").reshape(-1, 2)
+    twin = np.empty(len(mesh.corners), dtype=np.int64)
+    twin[order[:, 0]], twin[order[:, 1]] = order[:, 1], order[:, 0]
+    for n in np.unique(topology.valence[vertices]).tolist():
+        rows = np.flatnonzero(topology.valence[vertices] == n)
+        weights, at = _dart_weights(n), corner[rows]
+        total = weights[0] * mesh.vertices[vertices[rows]]
+        for k in range(n):
+            first = at - at % 4
+            beside, across = (mesh.corners[first + (at + step) % 4] for step in (1, 2))
+            total += weights[1 + k] * mesh.vertices[beside]
+            total += weights[1 + n + k] * mesh.vertices[across]
+            at = twin[first + (at + 3) % 4]
+        places[rows] = total
+    return vertices, places
+
+
+@cache
+def _dart_weights(n: int) -> np.ndarray:
+    """Weights of a vertex, of its neighbours from the crease on, and of what is across its faces.
+
+    Those that subdivision repeats for ever; a vertex with n edges, (2 n + 1,).
+    """
+    own = np.eye(2 * n + 1)
+    vertex, edges, faces = own[0], own[1 : n + 1], own[n + 1 :]
+    middles = (vertex + edges + np.roll(edges, -1, axis=0) + faces) / 4.0
+    beside = (vertex + edges + middles + np.roll(middles, 1, axis=0)) / 4.0
+    beside[0] = (vertex + edges[0]) / 2.0
+    centre = (middles.mean(axis=0) + (vertex + edges).mean(axis=0) + (n - 3.0) * vertex) / n
+    step = np.concatenate([centre[None], beside, middles])
+    return np.linalg.matrix_power(step, 256)[0]
