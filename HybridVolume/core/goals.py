@@ -346,11 +346,12 @@ def _factors(factors: Mapping[str, float], surface: PatchSurface, frame: ColumnF
     n = len(frame.nodes)
     if not factors:
         return np.ones(n)
-    total, count = np.zeros(n), np.zeros(n)
-    for patch in surface.patches:
-        points = np.unique(patch.index)
-        total[points] += np.log(factors.get(patch.face, 1.0))
-        count[points] += 1.0
+    of_patch = np.log([factors.get(patch.face, 1.0) for patch in surface.patches])
+    sizes = [patch.index.size for patch in surface.patches]
+    points = np.concatenate([patch.index.ravel() for patch in surface.patches])
+    # a patch counts once at a point, however often it comes there
+    patch, points = np.divmod(np.unique(np.repeat(np.arange(len(sizes)), sizes) * n + points), n)
+    total, count = np.bincount(points, of_patch[patch], n), np.bincount(points, minlength=n)
     return np.exp(frame.smooth(total / np.maximum(count, 1.0), 1))
 
 

@@ -61,12 +61,16 @@ def shell_thickness(field: HarmonicField, surface: PatchSurface, w0: float) -> d
     vertices, triangles = isosurface(field.mesh, field.w, level)
     points, area, patch = surface_places(surface, _PLACES)
     distance = distance_to_triangles(points, vertices, triangles)
-    names = np.array([p.face for p in surface.patches])[patch]
+    names = [p.face for p in surface.patches]
+    number = {face: k for k, face in enumerate(dict.fromkeys(names))}
+    of_place = np.array([number[name] for name in names])[patch]
+    order = np.argsort(of_place, kind="stable")
+    parts = np.split(order, np.searchsorted(of_place[order], np.arange(1, len(number))))
     return {
         **_figures(distance, area),
         "faces": [
-            {"face": str(face), **_figures(distance[names == face], area[names == face])}
-            for face in dict.fromkeys(p.face for p in surface.patches)
+            {"face": face, **_figures(distance[part], area[part])}
+            for face, part in zip(number, parts, strict=True)
         ],
         "w0": float(level),
         "largest_w0": float(largest),
