@@ -333,7 +333,8 @@ def _add_spans(p: Parser) -> None:
     group = p.add_argument_group(
         "spans",
         "how the faces are cut first, exactly, so that elements have similar size and shape; as "
-        "fine as the shell needs in any case",
+        "fine as the shell needs in any case: where normals turn by more than 80 degrees, and "
+        "where spans are more than ten times as long as wide",
     )
     group.add_argument(
         "--span-size",
@@ -348,14 +349,14 @@ def _add_spans(p: Parser) -> None:
         default=0.0,
         metavar="A",
         help="longest over shortest side, 2 or more, where half of a strip's spans ask for it "
-        "(default: 0, any)",
+        "(default: 0, up to 10)",
     )
     group.add_argument(
         "--span-turn",
         type=_evenness("turn"),
         default=0.0,
         metavar="DEG",
-        help="largest turn of the normal along a span, 1 to 180 degrees (default: 0, any)",
+        help="largest turn of the normal along a span, 1 to 180 degrees (default: 0, as needed)",
     )
 
 

@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 
 from HybridVolume.core.assembly import build_surface
-from HybridVolume.core.even import Evenness, even_out, evening_figures, span_figures
+from HybridVolume.core.even import (
+    Evenness,
+    even_as_needed,
+    even_out,
+    evening_figures,
+    span_figures,
+)
 from HybridVolume.core.pipeline import Options, midstructure_stage
 from HybridVolume.core.refinement import cut_spans, insert_knots, split_spans
 from HybridVolume.core.strips import span_intervals
@@ -113,6 +119,21 @@ def test_a_plate_of_one_span_a_face_is_cut_from_its_narrow_faces():
     figures = span_figures(even)
     assert figures.spans == 2 * 25 + 4 * 5
     assert figures.aspect == pytest.approx(4.0)
+
+
+def test_very_long_spans_are_cut_without_being_asked():
+    bar = build_surface(list(bodies.box((24.0, 1.0, 1.0), (1, 1, 1)).faces))
+    shorter = even_as_needed(bar, Evenness())
+    # 24 : 1 in three, which is 8 : 1
+    assert span_figures(shorter).spans == 4 * 3 + 2
+    assert span_figures(shorter).aspect == pytest.approx(8.0)
+    assert same_points(bar, shorter) < 1e-13 * bar.diagonal
+    assert even_as_needed(bar, Evenness(aspect=30.0)) is bar
+    bar = build_surface(list(bodies.box((9.0, 1.0, 1.0), (1, 1, 1)).faces))
+    assert even_as_needed(bar, Evenness()) is bar
+    # a sheet of paper does not become thousands of spans
+    sheet = build_surface(list(bodies.box((300.0, 200.0, 0.1), (1, 1, 1)).faces))
+    assert even_as_needed(sheet, Evenness()).element_count <= 2 * 16 * 16 + 4 * 16
 
 
 def test_a_few_narrow_spans_do_not_cut_the_rest():

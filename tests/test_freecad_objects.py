@@ -166,7 +166,7 @@ def test_saved_and_reopened(doc, box, volume, tmp_path):
         (lambda volume: setattr(volume, "SpanSize", "2 cm"), "Out of date: SpanSize changed"),
         (
             lambda volume: setattr(volume, "SpanAspect", 1.5),
-            "Failed: the aspect of spans is 1.5; choose 2 or more, or 0 for any",
+            "Failed: the aspect of spans is 1.5; choose 2 or more, or 0 for as needed",
         ),
         # a level is asked for, and layers of equal volume: these lengths count for nothing
         (lambda volume: setattr(volume, "Thickness", 7.0), "Up to date"),

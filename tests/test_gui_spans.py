@@ -10,8 +10,11 @@ pytestmark = needs_window
 def test_spans_of_a_box(tmp_path):
     found = play("gui_spans.even_box", tmp_path, HYBRIDVOLUME_PYTHON=worker_python())
     assert found["first"] == {
-        "title": "Spans: as the shell needs", "open": False, "aspect": "any", "turn": "any"
-    }  # fmt: skip
+        "title": "Spans: as the shell needs",
+        "open": False,
+        "aspect": "as needed",
+        "turn": "as needed",
+    }
     assert found["too small an aspect"]["open"]
     assert float(found["too small an aspect"]["aspect"].replace(",", ".")) == 2.0
     assert found["asked"]["title"] == "Spans: to 8 mm, turn to 30°"

@@ -23,11 +23,18 @@ logger = logging.getLogger(__name__)
 
 ROUNDS = 8
 """Most rounds: one does it where parameters run evenly along the spans."""
-FINEST = 64
+FINEST = 256
 """Parts of a span as given that are not cut further for their aspect or turn: there is a fold, a
 kink or a side without length, which stays."""
 MOST = 200_000
 """Spans that are not exceeded."""
+NEEDED_ASPECT = 10.0
+"""Aspect of spans from which on they are cut without being asked: shells and meshes of longer ones
+were measured to be worse than those of the same spans in two."""
+NEEDED_FINEST = 16
+"""Parts of a span as given that are not cut further without being asked."""
+NEEDED_MOST = 20_000
+"""Spans that are not exceeded without being asked."""
 UNEVEN = 1.5
 """Parts that are added at once, at most, because a line is run through at uneven speed: equal parts
 of the parameter are unequal ones of the line, and a later round could only halve the longest."""
@@ -45,10 +52,10 @@ class Evenness:
     size : float
         Longest side of a span, mm; 0: any.
     aspect : float
-        Longest over shortest side that a span should have, 2 or more; 0: any. A strip is cut only
-        where at least half of the spans that it crosses ask for it, since others become thinner.
+        Longest over shortest side that a span should have, 2 or more; 0: as needed. A strip is cut
+        only where at least half of the spans that it crosses ask, since others become thinner.
     turn : float
-        Largest angle by which the normal turns along a line of a span, degrees; 0: any.
+        Largest angle by which the normal turns along a line of a span, degrees; 0: as needed.
 
     Raises
     ------
@@ -66,12 +73,12 @@ class Evenness:
         if self.aspect and not 2.0 <= self.aspect < np.inf:
             raise InputError(
                 f"the aspect of spans is {self.aspect:g}",
-                remedy="choose 2 or more, or 0 for any",
+                remedy="choose 2 or more, or 0 for as needed",
             )
         if self.turn and not 1.0 <= self.turn <= 180.0:
             raise InputError(
                 f"normals turn by {self.turn:g} degrees in a span",
-                remedy="choose from 1 to 180 degrees, or 0 for any",
+                remedy="choose from 1 to 180 degrees, or 0 for as needed",
             )
 
     @property
@@ -151,25 +158,72 @@ def even_out(surface: PatchSurface, wanted: Evenness) -> PatchSurface:
     InputError
         That takes more spans than there may be.
     """
-    if not wanted.asks:
+    even, refused = _even(surface, wanted, MOST, FINEST)
+    if refused:
+        raise InputError(
+            f"spans as wanted would be {refused:.3g}, more than {MOST}",
+            figure=refused,
+            remedy="choose a larger size, aspect or turn",
+        )
+    return even
+
+
+def even_as_needed(surface: PatchSurface, wanted: Evenness) -> PatchSurface:
+    """Cut spans as wanted; where nothing is said about their aspect, very long ones too.
+
+    Parameters
+    ----------
+    surface : PatchSurface
+    wanted : Evenness
+
+    Returns
+    -------
+    PatchSurface
+        As of :func:`even_out`.
+
+    Raises
+    ------
+    InputError
+        What was asked for takes more spans than there may be.
+    """
+    surface = even_out(surface, wanted)
+    if wanted.aspect:
         return surface
+    return _even(surface, Evenness(aspect=NEEDED_ASPECT), NEEDED_MOST, NEEDED_FINEST)[0]
+
+
+def _even(
+    surface: PatchSurface, wanted: Evenness, most: int, finest: int
+) -> tuple[PatchSurface, float]:
+    """Cut spans until they are as wanted, or until they would be more than ``most``.
+
+    Returns
+    -------
+    PatchSurface
+    float
+        How many spans it would have taken; 0 where they are as wanted.
+    """
+    if not wanted.asks:
+        return surface, 0.0
     intervals = span_intervals(surface)
     # one over the share of a span as given that each interval is
     parts = np.ones(intervals.count)
     for _ in range(ROUNDS):
-        asked = _parts(surface, wanted, intervals, parts < FINEST)
+        asked = _parts(surface, wanted, intervals, finest / parts)
         if asked.max(initial=1) <= 1:
-            return surface
-        _check_count(intervals, asked)
+            break
+        spans = float(asked[intervals.of_span].prod(axis=1).sum())
+        if spans > most:
+            return surface, spans
         finer = cut_spans(surface, asked, intervals)
         logger.info("spans evened out: %d, were %d", finer.element_count, surface.element_count)
         surface, intervals = finer, span_intervals(finer)
         parts = np.repeat(parts * asked, asked.astype(int))
-    return surface
+    return surface, 0.0
 
 
 def _parts(
-    surface: PatchSurface, wanted: Evenness, intervals: SpanIntervals, wide: np.ndarray
+    surface: PatchSurface, wanted: Evenness, intervals: SpanIntervals, left: np.ndarray
 ) -> np.ndarray:
     """Parts (ni,) that each interval of the strips is to be cut into.
 
@@ -178,12 +232,12 @@ def _parts(
     surface : PatchSurface
     wanted : Evenness
     intervals : SpanIntervals
-    wide : (ni,) bool array
-        Where aspect and turn count.
+    left : (ni,) array
+        Most parts for aspect and turn.
     """
     length, longest, turn, uneven = _measured(surface)
     parts = np.ones(intervals.count)
-    for limit, values, counts in ((wanted.size, longest, True), (wanted.turn, turn, wide)):
+    for limit, values, counts in ((wanted.size, longest, True), (wanted.turn, turn, left > 1.0)):
         if limit:
             over = values > limit * (1.0 + 1e-9)
             asked = intervals.largest(np.where(over, values * uneven, 0.0)) / limit
@@ -193,21 +247,10 @@ def _parts(
         cut = length / parts[intervals.of_span]
         ratio = cut / np.maximum(cut[:, ::-1], 1e-9 * surface.diagonal) / wanted.aspect
         asking = ratio > 1.0 + 1e-9
-        most = wide & (intervals.mean(asking) >= 0.5)
-        more = np.ceil(np.clip(intervals.median(ratio, asking) * (1.0 - 1e-9), 1.0, FINEST))
-        parts = np.where(most, parts * np.maximum(more, 2.0), parts)
+        most = (left >= 2.0) & (intervals.mean(asking) >= 0.5)
+        more = np.ceil(np.maximum(intervals.median(ratio, asking) * (1.0 - 1e-9), 2.0))
+        parts = np.where(most, parts * np.minimum(more, np.floor(left)), parts)
     return parts
-
-
-def _check_count(intervals: SpanIntervals, parts: np.ndarray) -> None:
-    """Refuse what would be too much, before it is made."""
-    spans = float(parts[intervals.of_span].prod(axis=1).sum())
-    if spans > MOST:
-        raise InputError(
-            f"spans as wanted would be {spans:.3g}, more than {MOST}",
-            figure=spans,
-            remedy="choose a larger size, aspect or turn",
-        )
 
 
 def _measured(

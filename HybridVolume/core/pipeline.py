@@ -15,7 +15,7 @@ from ..errors import FaultError, InputError
 from .check import SingularPlaces, check_surface, check_uncut
 from .density import Density
 from .embedding_proof import prove_embedded
-from .even import Evenness, even_out, evening_figures
+from .even import Evenness, even_as_needed, evening_figures
 from .finite_elements import build_finite_elements
 from .gap import check_balance, gap_volume
 from .goals import Thickness, check_faces
@@ -347,7 +347,7 @@ def midstructure_stage(
     report("surface", 0.02, f"{len(surface.patches)} patches, genus {_words(surface.genus)}")
     check_faces([*options.face_factors, *options.face_sizes], surface)
     varied = [face for face, factor in options.face_factors.items() if factor != 1.0]
-    body = flatten_spans(divide_faces(even_out(surface, options.evenness), varied))
+    body = even_as_needed(flatten_spans(divide_faces(surface, varied)), options.evenness)
     deviation = _deviation(surface, body)
     singular = check_surface(body, lines=options.singular_lines)
     check_uncut(body)

@@ -12,7 +12,7 @@ from PySide import QtCore
 from .thickness_form import Length
 
 LEAST_ASPECT = 2.0
-"""Below this no aspect can be asked for but 0, which the field shows as "any"."""
+"""Below this no aspect can be asked for but 0, which the field shows as "as needed"."""
 
 
 class SpansForm:
@@ -70,7 +70,7 @@ class SpansForm:
         self._tell()
 
     def _lift(self, value: float) -> None:
-        """Leave out what lies between "any" and the least: a step up ends at the least."""
+        """Leave out what lies between "as needed" and the least: a step up ends at the least."""
         if 0.0 < value < LEAST_ASPECT:
             down = value == self._aspect - self._form.spanAspect.singleStep()
             self._form.spanAspect.setValue(0.0 if down else LEAST_ASPECT)

@@ -27,13 +27,13 @@ PROPERTIES = {
         "App::PropertyFloatConstraint",
         _SPANS,
         "Longest over shortest side of spans, 2 or more, where half of a strip's spans ask; "
-        "0: any.",
+        "0: up to 10.",
         (0.0, 0.0, 1000.0, 1.0),
     ),
     "SpanTurn": Property(
         "App::PropertyFloatConstraint",
         _SPANS,
-        "Largest turn of the normal along a span, 1 to 180 degrees; 0: any.",
+        "Largest turn of the normal along a span, 1 to 180 degrees; 0: as needed.",
         (0.0, 0.0, 180.0, 5.0),
     ),
 }
@@ -96,7 +96,8 @@ def changed_values(values: Mapping[str, Any]) -> dict[str, float]:
                 found[name] = float(values[keyword])
             except (TypeError, ValueError):
                 raise InputError(
-                    f"{keyword} is {values[keyword]!r}", remedy="choose a number, or 0 for any"
+                    f"{keyword} is {values[keyword]!r}",
+                    remedy="choose a number, or 0 for as needed",
                 ) from None
     evenness_of({**DEFAULTS, **found})
     return found
