@@ -284,6 +284,7 @@ def imported(answer):
         "status": volume.Status,
         "source": volume.Source.Name == first.Name,
         "elements": volume.Elements,
+        "report": volume.Report["input.mesh.scheme"],
         "cage": body(first)["drawn"],
     }
     first.Scheme = "smooth"

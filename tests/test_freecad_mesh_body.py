@@ -67,6 +67,9 @@ def test_a_body_follows_its_scheme_and_stays_in_its_place(doc, tmp_path):
     obj.Steps = 2
     doc.recompute()
     assert obj.Quads == 96 and any("96 quads" in note for note in obj.Notes)
+    (body,) = read_object(obj)
+    told = body.origin["mesh"]
+    assert told["quads"] == 96 and told["distance"] == float(obj.LimitDistance)
     obj.Scheme = "bilinear"
     doc.recompute()
     assert np.isclose(obj.Shape.Volume, 8.0, rtol=1e-5) and obj.Quads == obj.Patches == 6

@@ -112,5 +112,5 @@ def test_meshes_are_imported(tmp_path):
     assert found["opened"] == [["two_1", 8.0], ["two_2", 8.0]]
     done = found["completed"]
     assert done["status"] == "Up to date" and done["source"] and done["elements"] > 0
-    assert not done["cage"]
+    assert not done["cage"] and done["report"] == "bilinear"
     assert "the body changed" in found["outdated"]

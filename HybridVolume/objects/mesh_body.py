@@ -113,6 +113,18 @@ class MeshBody(DocumentObject):
         ),
     }
 
+    def origin(self, obj: Any) -> dict[str, Any]:
+        """What `sources.shapes.Body.origin` has of a mesh file, of the surface that is there."""
+        figures = {
+            "scheme": obj.Scheme,
+            "quads": obj.Quads,
+            "notes": list(obj.Notes),
+            "normal_jump": float(np.radians(float(obj.NormalJump))),
+        }
+        if obj.Scheme == "catmull-clark":
+            figures["distance"] = float(obj.LimitDistance)
+        return {"mesh": figures}
+
     def ensure_properties(self, obj: Any) -> None:
         """Add what is absent, and hide what does not count."""
         super().ensure_properties(obj)

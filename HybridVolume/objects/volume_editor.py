@@ -195,7 +195,7 @@ class VolumeEditor:
                 body.faces,
                 name=body.name,
                 options=options,
-                source={"file": self.source.Label, "bodies": len(bodies)},
+                source={"file": self.source.Label, "bodies": len(bodies), **body.origin},
                 own=own,
                 **keywords,
             )

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -97,7 +97,11 @@ def read_object(document_object: Any) -> list[Body]:
     InputError
         As :func:`read_shape`.
     """
-    return read_shape(global_shape(document_object), document_object.Label)
+    found = read_shape(global_shape(document_object), document_object.Label)
+    proxy = getattr(document_object, "Proxy", None)
+    if getattr(proxy, "Type", "") != "HybridVolume::MeshBody":
+        return found
+    return [replace(body, origin=proxy.origin(document_object)) for body in found]
 
 
 def global_shape(document_object: Any) -> Any:
