@@ -27,6 +27,8 @@ logger = logging.getLogger(__name__)
 TOLERANCE = 0.003
 """Share of the diagonal that is reached where nothing else is asked."""
 ROUNDS = 10
+PATIENCE = 3
+"""Rounds after which both rings of a quad that is too far off get more spans."""
 OPENING = 0.75
 """Share of the tolerance by which straight corners on features may be moved."""
 WIDEST = 150.0
@@ -106,6 +108,7 @@ def fit(
     stiffness = np.full(len(made.layout), STIFFNESS)
     best: Fit | None = None
     worst: list[str] = []
+    late = [np.zeros((len(a), len(b)), dtype=int) for a, b in made.rings]
     folded: SingularSurfaceError | None = None
     for _ in range(ROUNDS):
         faces = fitted(made, spans, stiffness)
@@ -129,7 +132,9 @@ def fit(
         folded = error or folded
         before = spans.copy(), stiffness.copy()
         stiffness[bad] = np.minimum(10.0 * stiffness[bad], STIFFEST)
-        spans = np.minimum(spans + _wanted(made, spans, off, tolerance), MOST_SPANS)
+        late = [count + (grid > tolerance) for count, grid in zip(late, off, strict=True)]
+        more = _wanted(made, spans, off, late, tolerance)
+        spans = np.minimum(spans + more, MOST_SPANS)
         if np.array_equal(before[0], spans) and np.array_equal(before[1], stiffness):
             break
     if best is None:
@@ -175,23 +180,31 @@ def _folds(surface: PatchSurface) -> tuple[np.ndarray, SingularSurfaceError | No
 
 
 def _wanted(
-    made: Sampled, spans: np.ndarray, off: list[np.ndarray], tolerance: float
+    made: Sampled,
+    spans: np.ndarray,
+    off: list[np.ndarray],
+    late: list[np.ndarray],
+    tolerance: float,
 ) -> np.ndarray:
     """Rings that get one more span, (rings,) of 0 and 1: few quads that mend the most.
 
-    A quad that is too far off is mended by either of its rings.
+    A quad that is too far off is mended by either of its rings, or by both where it has been so
+    for `PATIENCE` rounds.
     """
     pairs, excess = [], []
+    more = np.zeros(made.ring_count, dtype=int)
     size = np.zeros(made.ring_count)
-    for (ring_u, ring_v), far in zip(made.rings, off, strict=True):
+    for (ring_u, ring_v), far, rounds in zip(made.rings, off, late, strict=True):
         np.add.at(size, ring_u, len(ring_v))
         np.add.at(size, ring_v, len(ring_u))
         i, j = np.nonzero(far > tolerance)
         pairs.append(np.column_stack([ring_u[i], ring_v[j]]))
         excess.append(far[i, j] / tolerance - 1.0)
+        i, j = np.nonzero((far > tolerance) & (rounds >= PATIENCE))
+        more[ring_u[i]] = more[ring_v[j]] = 1
     pair, left = np.concatenate(pairs), np.concatenate(excess)
+    left[more[pair].any(axis=1)] = 0.0
     price = np.sqrt(size) * spans
-    more = np.zeros(made.ring_count, dtype=int)
     while left.any():
         gain = sum(np.bincount(pair[:, axis], left, made.ring_count) for axis in (0, 1))
         ring = int((gain / price).argmax())

@@ -19,6 +19,8 @@ ALIKE = 0.05
 """Mean distance of a mesh from its reference, as a share of the diagonal, that is too much."""
 NEAR = 0.6
 """Distance of a sharp vertex from a feature, in mean sides of the quads there, that is near."""
+FAR = 2.0
+"""So many times as far a line may go on beside a feature that it follows."""
 
 
 @dataclass(frozen=True)
@@ -149,10 +151,19 @@ def _follow(points: np.ndarray, reference: Reference, near: float) -> tuple[int,
     best, most, nearest = -1, 1, np.inf
     run = (0, 0)
     for k, feature in enumerate(reference.chains):
-        _, off = feature.nearest(points)
+        at, off = feature.nearest(points)
         on = off < near
         if not on.any():
             continue
+        # once there a line may be further off, but not beyond a feature's end
+        beside = (off < FAR * near) & (feature.closed | ((at > 0.0) & (at < feature.length[-1])))
+        # while it runs along it
+        step = np.abs(np.diff(at))
+        if feature.closed:
+            step = np.minimum(step, feature.length[-1] - step)
+        along = step > 0.5 * np.linalg.norm(np.diff(points, axis=0), axis=1)
+        beside &= np.append(along, along[-1:]) & np.append(along[:1], along)
+        on = _grown(on, beside)
         # the longest stretch of points that are near
         edges = np.flatnonzero(np.diff(np.concatenate([[0], on.astype(int), [0]])))
         starts, stops = edges[::2], edges[1::2]
@@ -163,3 +174,10 @@ def _follow(points: np.ndarray, reference: Reference, near: float) -> tuple[int,
             best, most, nearest = k, count, mean
             run = (int(starts[longest]), int(stops[longest]) - 1)
     return best, run
+
+
+def _grown(on: np.ndarray, beside: np.ndarray) -> np.ndarray:
+    """Where a line is on something, with stretches beside it that reach there."""
+    both = on | beside
+    number = np.cumsum(np.diff(both, prepend=False))
+    return both & np.isin(number, number[on & both])
