@@ -99,6 +99,7 @@ def test_files_of_other_programs(tmp_path):
         (PLY.format("ascii", "") + "0 " * 24 + "3 0 1 nan " * 6, ".ply", "face 0 has vertices"),
         (PLY.format("ascii", "") + "0 " * 24 + "-3 0 1 2", ".ply", "face 0 is not readable"),
         (PLY.format("ascii", "").replace("property double x", "property"), ".ply", "line 5"),
+        (PLY.format("ascii", "").replace("double y", "double x"), ".ply", "line 6 has a second x"),
     ],
 )  # fmt: skip
 def test_damage_is_told_with_its_line(tmp_path, content, suffix, words):

@@ -218,6 +218,8 @@ def _ply_header(lines: list[str]) -> tuple[str, list[_Element]]:
             is_list = words[1:2] == ["list"]
             if len(words) != (5 if is_list else 3) or not set(words[1 + is_list : -1]) <= set(_PLY):
                 raise _Damaged(f"line {number} has no readable property")
+            if words[-1] in (name for name, *_ in elements[-1][2]):
+                raise _Damaged(f"line {number} has a second {words[-1]}")
             elements[-1][2].append((words[-1], words[-2], words[2] if is_list else ""))
     if form not in ("ascii", "binary_little_endian", "binary_big_endian"):
         raise _Damaged(f"its format {form!r} is not known")
