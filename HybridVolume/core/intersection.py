@@ -14,6 +14,7 @@ mesh cannot keep such a surface either.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -42,6 +43,11 @@ class _Triangles:
     normal: np.ndarray
     plane: np.ndarray
     flat: np.ndarray
+
+    @cached_property
+    def corner_lines(self) -> np.ndarray:
+        """Corners as (3, m), contiguous."""
+        return np.ascontiguousarray(self.corners.T)
 
     def tree(self) -> BoxTree:
         return _tree(*(self.points[self.corners[:, k]] for k in range(3)))
@@ -233,34 +239,36 @@ def _cross(
     first: _Triangles, second: _Triangles, pairs: np.ndarray, *, shared_vertices: bool
 ) -> np.ndarray:
     """Which pairs (k, 2) cross, (k,) bool."""
-    one, two = first.corners[pairs[:, 0]], second.corners[pairs[:, 1]]
+    i, j = np.ascontiguousarray(pairs.T)
+    # (3, k): a corner of all pairs lies in one piece of memory
+    one, two = first.corner_lines[:, i], second.corner_lines[:, j]
     crossing = np.zeros(len(pairs), dtype=bool)
     count = np.zeros(len(pairs), dtype=np.int64)
     if shared_vertices:
-        equal = [[one[:, i] == two[:, j] for j in range(3)] for i in range(3)]
+        equal = [[a == b for b in two] for a in one]
         own = [row[0] | row[1] | row[2] for row in equal]
         other = [equal[0][j] | equal[1][j] | equal[2][j] for j in range(3)]
         count = own[0].astype(np.int64) + own[1] + own[2]
         one, two = _shared_first(one, own), _shared_first(two, other)
-    along = first.normal[pairs[:, 0]] + second.normal[pairs[:, 1]]
     crossing[count == 3] = True
     for shared, test in ((2, _cross_at_side), (1, _cross_at_corner), (0, _cross_apart)):
         rows = np.flatnonzero(count == shared)
         if len(rows):
             crossing[rows] = test(
-                first.points[one[rows]],
-                second.points[two[rows]],
-                along[rows],
-                first.plane[pairs[rows, 0]],
-                second.plane[pairs[rows, 1]],
+                first.points[one[:, rows].T],
+                second.points[two[:, rows].T],
+                first.normal[i[rows]] + second.normal[j[rows]],
+                first.plane[i[rows]],
+                second.plane[j[rows]],
             )
     return crossing
 
 
 def _shared_first(corners: np.ndarray, shared: list[np.ndarray]) -> np.ndarray:
-    """Corners (k, 3) with the shared ones in front; the cyclic order may be lost."""
+    """Corners (3, k) with the shared ones in front; the cyclic order may be lost."""
     code = shared[0] + 2 * shared[1].astype(np.int64) + 4 * shared[2].astype(np.int64)
-    return np.take_along_axis(corners, _ORDER[code], axis=1)
+    place = _ORDER.T[:, code]
+    return np.stack([np.choose(row, corners) for row in place])
 
 
 def _columns(points: np.ndarray) -> np.ndarray:
