@@ -60,7 +60,7 @@ def faded(snap: Snapped, reference: Reference) -> Snapped:
         return snap
     best, most = (mesh.vertices, _sines(mesh.vertices[quads]).min(axis=1))
     for _ in range(ROUNDS):
-        x = _evened(x, quads, free, reference)
+        x = evened(x, quads, free, reference)
     # a few quads may be worse than before, but none of them bad
     sine = _sines(x[quads]).min(axis=1)
     if (sine < np.minimum(most, 0.2)).any():
@@ -68,8 +68,21 @@ def faded(snap: Snapped, reference: Reference) -> Snapped:
     return replace(snap, mesh=replace(mesh, vertices=x))
 
 
-def _evened(x: np.ndarray, quads: np.ndarray, free: np.ndarray, reference: Reference) -> np.ndarray:
-    """Free vertices half way to where the squares around would have them."""
+def evened(x: np.ndarray, quads: np.ndarray, free: np.ndarray, reference: Reference) -> np.ndarray:
+    """Free vertices part of the way to where the squares around would have them.
+
+    Parameters
+    ----------
+    x : (n, 3) array
+    quads : (nf, 4) int array
+    free : (n,) bool array
+    reference : Reference
+        What they stay on.
+
+    Returns
+    -------
+    (n, 3) array
+    """
     wanted, weight = _squares(x[quads])
     flat = quads.ravel()
     total = np.bincount(flat, np.repeat(weight, 4), len(x))

@@ -15,9 +15,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..polygons import PolygonMesh
+from .fading import evened
 from .reference import Reference
 from .snap import Snapped
 
+ROUNDS = 20
+"""Times that the quads of the region are evened out then."""
 DEEP = 0.3
 """Width of the ring as a share of the way from its vertices to the middles of their quads."""
 
@@ -89,8 +92,14 @@ def padded(
     made = PolygonMesh.of(
         np.concatenate([x, places]), np.concatenate([inner.reshape(-1, 4), rim]).tolist()
     )
-    made = replace(made, notes=mesh.notes)
     chain, length = _kept(made.edges[0], ends[following], snap, following)
+    free = np.zeros(len(made.vertices), dtype=bool)
+    free[made.quads[np.append(chosen, np.ones(len(rim), dtype=bool))]] = True
+    free[made.edges[0][chain >= 0]] = False
+    x = made.vertices
+    for _ in range(ROUNDS):
+        x = evened(x, made.quads, free, reference)
+    made = replace(made, vertices=x, notes=mesh.notes)
     return Snapped(made, chain, length), tuple(int(q) for q in flat[chosen[flat]])
 
 
