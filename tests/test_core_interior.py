@@ -139,7 +139,10 @@ def test_flat_tets_send_the_work_to_the_next_mesher(monkeypatch):
     answers = {"first": flat, "second": good}
     monkeypatch.setattr(module, "available_engines", lambda free=None: tuple(answers))
     monkeypatch.setattr(module, "fill", lambda *_, engine, **__: answers[engine])
-    monkeypatch.setattr(module, "_checked", lambda mesh, _: module.Interior(mesh, 1.0, 9.0, True))
+    monkeypatch.setattr(module, "improve", lambda mesh: mesh)
+    monkeypatch.setattr(
+        module, "checked_interior", lambda mesh, _: module.Interior(mesh, 1.0, 9.0, True)
+    )
     assert fill_interior(interface).mesh is good
     answers.pop("second")
     with pytest.raises(MesherError, match="flat"):

@@ -4,24 +4,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..errors import MesherError
 from .density import Density
-from .element_jacobians import scaled_jacobian
-from .interior import Interface, Interior, build_interface
+from .interior import Interface, Interior, build_interface, checked_interior
 from .shell import Shell
 from .strips import GridLines
+from .tetmesh import improve, tet_quality
 from .wedges import Wedges
 
 _POOR = 0.05
 """Scaled Jacobian of a cell's wedges below which its other diagonal is tried."""
 _LONG = 2.0
 """Ratio of a cell's sides from which on only the longer one is halved."""
-_STEP, _SHORTEST = 0.1, 0.5
-"""Share of a column that it loses at a time, and what must be left of it."""
-_FLAT = 0.02
+_FLAT = 0.05
 """Scaled Jacobian of tets that are worth another diagonal."""
+_FLIPS = 3
+"""Rounds in which cells over flat tets are flipped."""
 _GAIN = 1.5
 """Factor by which the other diagonal must be better."""
 
@@ -57,7 +59,7 @@ def wedges_over(
     MesherError
         The grid is too coarse.
     """
-    wedges = _wedges(shell, lines, density, order, flipped, reach)
+    wedges = make_wedges(shell, lines, density, order, flipped, reach)
     if flipped is not None:
         return wedges, flipped
     none = np.zeros(lines.cells, dtype=bool)
@@ -68,7 +70,7 @@ def wedges_over(
         return wedges, none
     chosen = _with(none, better)
     try:
-        return _wedges(shell, lines, density, order, chosen, reach), chosen
+        return make_wedges(shell, lines, density, order, chosen, reach), chosen
     except MesherError:
         return wedges, none
 
@@ -97,23 +99,61 @@ def flip_at(
     return _with(flipped, chosen) if len(chosen) else None
 
 
-def flat_tets(interface: Interface, interior: Interior) -> np.ndarray:
-    """Triangles of cells between whose two triangles there is a flat tet.
+def flip_flat(
+    shell: Shell,
+    lines: GridLines,
+    density: Density,
+    wedges: Wedges,
+    flipped: np.ndarray,
+    reach: np.ndarray | None,
+    interior: Interior,
+) -> tuple[Wedges, np.ndarray, Interior]:
+    """Flip cells between whose two triangles there is a flat tet, which then is not in the core.
 
-    Along the other diagonal such a cell is bent the other way, and the tet is not in the core.
+    The tet is taken out of the core and its volume is the wedges' then; no mesher is asked. Cells
+    whose wedges would not stay valid are left alone.
+
+    Returns
+    -------
+    wedges : Wedges
+    flipped : (nc,) bool array
+    interior : Interior
     """
+    for _ in range(_FLIPS):
+        cells, tets = _flat_cells(wedges.interface, interior)
+        if not len(cells):
+            break
+        more = flip_at(shell, lines, density, wedges, flipped, 2 * cells, reach)
+        if more is None:
+            break
+        try:
+            fresh = make_wedges(shell, lines, density, wedges.order, more, reach)
+        except MesherError:
+            break
+        gone = tets[more[cells] & ~flipped[cells]]
+        mesh = interior.mesh
+        left = replace(mesh, tets=np.delete(mesh.tets, gone, axis=0))
+        interior = checked_interior(improve(left), fresh.interface)
+        wedges, flipped = fresh, more
+    return wedges, flipped, interior
+
+
+def _flat_cells(interface: Interface, interior: Interior) -> tuple[np.ndarray, np.ndarray]:
+    """Cells between whose two triangles there is a flat tet, and that tet of each."""
     tets, n = interior.mesh.tets, len(interface.vertices)
-    on = tets[(tets < n).all(axis=1)]
-    on = on[scaled_jacobian("tet4", interior.mesh.vertices[on]) < _FLAT]
-    four = np.sort(on, axis=1)
-    pairs = interface.triangles.reshape(-1, 6)
-    both = np.sort(pairs, axis=1)
+    on = np.flatnonzero((tets < n).all(axis=1))
+    on = on[tet_quality(interior.mesh.vertices[tets[on]]) < _FLAT]
+    both = np.sort(interface.triangles.reshape(-1, 6), axis=1)
     # the two triangles of a cell have four different corners, two of them twice
     once = both[np.arange(len(both))[:, None], _distinct(both)]
-    rows = np.concatenate([once, four])
+    rows = np.concatenate([once, np.sort(tets[on], axis=1)])
     _, label = np.unique(rows, axis=0, return_inverse=True)
     label = label.reshape(-1)
-    return 2 * np.flatnonzero(np.isin(label[: len(once)], label[len(once) :]))
+    of_cells, of_tets = label[: len(once)], label[len(once) :]
+    order = np.argsort(of_tets)
+    place = np.minimum(np.searchsorted(of_tets[order], of_cells), max(len(on) - 1, 0))
+    cells = np.flatnonzero(np.isin(of_cells, of_tets))
+    return cells, on[order[place[cells]]]
 
 
 def _distinct(rows: np.ndarray) -> np.ndarray:
@@ -121,26 +161,6 @@ def _distinct(rows: np.ndarray) -> np.ndarray:
     fresh = np.ones(rows.shape, dtype=bool)
     fresh[:, 1:] = rows[:, 1:] != rows[:, :-1]
     return np.argsort(~fresh, axis=1, kind="stable")[:, :4]
-
-
-def withdraw_at(interface: Interface, triangles: np.ndarray) -> np.ndarray | None:
-    """Shorten the columns under triangles that cut others, and half as much those around.
-
-    Where the inner surface cuts itself by little, or comes nearer to itself than its facets do, no
-    finer grid helps; a core that reaches a little into the shell does.
-
-    Returns
-    -------
-    (n,) array or None
-        Parameter w of each vertex; None where columns would lose more than half.
-    """
-    w = interface.vertex_w if len(interface.vertex_w) else np.ones(len(interface.vertices))
-    at = np.zeros(len(w), dtype=bool)
-    at[interface.triangles[triangles]] = True
-    near = np.zeros(len(w), dtype=bool)
-    near[interface.edges[at[interface.edges].any(axis=1)]] = True
-    found = w * np.where(at, 1.0 - _STEP, np.where(near, 1.0 - 0.5 * _STEP, 1.0))
-    return found if found.min() >= _SHORTEST else None
 
 
 def refine_at(
@@ -184,7 +204,7 @@ def refine_at(
     return lines.cut(parts)
 
 
-def _wedges(
+def make_wedges(
     shell: Shell,
     lines: GridLines,
     density: Density,
@@ -192,6 +212,7 @@ def _wedges(
     flipped: np.ndarray | None,
     reach: np.ndarray | None = None,
 ) -> Wedges:
+    """Wedges over a grid as they come; parameters as for `wedges_over`."""
     interface = build_interface(
         shell, density.nodes, density.subdivide, lines=lines, flipped=flipped, reach=reach
     )
@@ -211,7 +232,7 @@ def _others(
     if not len(cells):
         return np.zeros(0)
     try:
-        wedges = _wedges(shell, lines, density, order, _with(flipped, cells), reach)
+        wedges = make_wedges(shell, lines, density, order, _with(flipped, cells), reach)
     except MesherError:
         # other diagonals that join the same vertices
         return np.full(len(cells), -1.0)

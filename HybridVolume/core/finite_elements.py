@@ -20,7 +20,7 @@ import numpy as np
 from ..errors import FaultError, MesherError
 from .columns import evaluate_columns
 from .density import Density
-from .diagonals import flat_tets, flip_at, refine_at, wedges_over, withdraw_at
+from .diagonals import flip_at, flip_flat, refine_at, wedges_over
 from .element_jacobians import relative_bound, volumes
 from .elements import EDGES, FACES, quadrature, shape_functions, shape_gradients
 from .interior import Interface, Interior, crossing_triangles, fill_interior
@@ -28,7 +28,9 @@ from .mid_nodes import outer_mids
 from .repairs import Elements, straighten, untangle_inside
 from .shell import Shell
 from .sizes import wanted_lines
+from .strips import GridLines
 from .wedges import Wedges
+from .withdrawal import thicken, withdraw_at, withdraw_poor, withdraw_under
 
 logger = logging.getLogger(__name__)
 
@@ -37,6 +39,10 @@ _TOLD = 1e-9
 
 _FLIPS = 2
 """Rounds of flipped diagonals before a grid is made finer."""
+_FEW = 20
+"""Unproved elements up to which they are untangled before columns are shortened."""
+_SHORTENED = 8
+"""Rounds of shortened columns before a grid is made finer."""
 REPAIRS = ("straightened", "untangled", "flipped", "refined", "withdrawn")
 """Kinds of repairs that are counted."""
 
@@ -197,8 +203,13 @@ def conforming_mesh(
     return _mesh(shell, wedges, interior, density)
 
 
-def _mesh(shell: Shell, wedges: Wedges, interior: Interior, density: Density) -> FiniteElementMesh:
-    """Wedges and the tets of the core on shared nodes, repaired, proved and checked."""
+def _mesh(
+    shell: Shell, wedges: Wedges, interior: Interior, density: Density, most: int | None = None
+) -> FiniteElementMesh:
+    """Wedges and the tets of the core on shared nodes, repaired, proved and checked.
+
+    Where more than ``most`` elements are unproved once edges are straight, none is untangled.
+    """
     interface, order = wedges.interface, wedges.order
     nodes, tets, core = _with_core(wedges, interior)
     kinds = [(wedges.kind, wedges.elements), ("tet10" if order == 2 else "tet4", tets)]
@@ -210,11 +221,13 @@ def _mesh(shell: Shell, wedges: Wedges, interior: Interior, density: Density) ->
         may_move = np.zeros(len(nodes), dtype=bool)
         may_move[movable] = True
         may_move[core:] = True
-        repairs["untangled"] = untangle_inside(elements, may_move)
+        if most is None or elements.unproved <= most:
+            repairs["untangled"] = untangle_inside(elements, may_move)
     if not elements.all_proved:
         raise _unproved(shell, wedges, interior, elements)
     names = tuple(dict.fromkeys(patch.face for patch in shell.surface.patches))
-    position = np.array([names.index(patch.face) for patch in shell.surface.patches])
+    place = {name: k for k, name in enumerate(names)}
+    position = np.array([place[patch.face] for patch in shell.surface.patches])
     bounds = [
         relative_bound(kind, elements.nodes[c], bound)
         for (kind, c), bound in zip(kinds, elements.lower_bound, strict=True)
@@ -244,6 +257,33 @@ def _mesh(shell: Shell, wedges: Wedges, interior: Interior, density: Density) ->
     )
     _check(mesh)
     return mesh
+
+
+def _shortened_until_proved(
+    shell: Shell,
+    lines: GridLines,
+    density: Density,
+    wedges: Wedges,
+    flipped: np.ndarray,
+    interior: Interior,
+) -> tuple[Wedges, Interior, FiniteElementMesh]:
+    """The mesh; columns under elements that stay unproved are shortened, the core moves along.
+
+    Many unproved elements are shortened at once, since untangling them takes long; few are
+    untangled first.
+    """
+    for _ in range(_SHORTENED):
+        try:
+            return wedges, interior, _mesh(shell, wedges, interior, density, _FEW)
+        except MesherError as error:
+            logger.info("%s", error.line)
+            found = withdraw_under(
+                shell, lines, density, wedges, flipped, interior, error.triangles
+            )
+            if found is None:
+                break
+            wedges, interior = found
+    return wedges, interior, _mesh(shell, wedges, interior, density)
 
 
 def _with_core(wedges: Wedges, interior: Interior) -> tuple[np.ndarray, np.ndarray, int]:
@@ -376,14 +416,16 @@ def build_finite_elements(
                 logger.info("%d outer triangles are folded", len(folded))
                 finer = refine_at(lines, wanted, folded, finest, wedges.cell_sides())
             if finer is None:
+                if reach is None:
+                    wedges, reach = withdraw_poor(shell, lines, density, wedges, flipped)
                 interior = fill_interior(wedges.interface, engine, surface=shell.surface, **options)
-                flat = flat_tets(wedges.interface, interior)
-                if len(flat) and tries < _FLIPS:
-                    more = flip_at(shell, lines, density, wedges, flipped, flat, reach)
-                    if more is not None:
-                        flipped, tries = more, tries + 1
-                        continue
-                mesh = _mesh(shell, wedges, interior, density)
+                wedges, flipped, interior = flip_flat(
+                    shell, lines, density, wedges, flipped, reach, interior
+                )
+                wedges, interior = thicken(shell, lines, density, wedges, flipped, interior)
+                wedges, interior, mesh = _shortened_until_proved(
+                    shell, lines, density, wedges, flipped, interior
+                )
                 break
         except MesherError as error:
             logger.info("interface of %d cells: %s", lines.cells, error.line)
@@ -408,7 +450,7 @@ def build_finite_elements(
     repairs = {
         "flipped": int(np.count_nonzero(flipped)),
         "refined": lines.within(wanted),
-        "withdrawn": 0 if reach is None else int(np.count_nonzero(reach < 1.0)),
+        "withdrawn": int(np.count_nonzero(wedges.interface.vertex_w < 1.0)),
     }
     mesh = replace(mesh, repairs={**mesh.repairs, **repairs})
     logger.info(

@@ -24,7 +24,7 @@ from .intersection import self_intersections
 from .shell import Shell
 from .strips import GridLines, base_lines
 from .surface import PatchSurface
-from .tetmesh import TetMesh, available_engines, enclosed_volume, fill
+from .tetmesh import TetMesh, available_engines, enclosed_volume, fill, improve
 
 __all__ = [
     "Interface",
@@ -39,6 +39,10 @@ logger = logging.getLogger(__name__)
 
 GOOD_ANGLE = 1.0
 """Degrees; a mesher whose flattest tet has less is followed by the next one, the better stays."""
+
+LARGE = 4000
+"""Triangles of an interface from which on one mesher's answer is enough: a second one takes long,
+and what is flat in it is so by the triangles."""
 
 GRADING = 0.3
 """Growth of the core's edges away from the interface: with more the tets get flat."""
@@ -178,6 +182,8 @@ def build_interface(
             (vertices, midpoints), ends, (vertex_point, edge_point), strict=True
         ):
             short = np.flatnonzero(w < 1.0)
+            if not len(short):
+                continue
             at = grid.owner[point[short]], grid.uv[point[short]]
             x[short] = evaluate_columns(shell, *at, w[None, short])[0]
     return Interface(
@@ -343,14 +349,14 @@ def fill_interior(
         except MesherError as error:
             reasons.append(error.message)
             continue
-        found = _checked(mesh, interface)
-        flat = _flatness(mesh).min()
+        found = checked_interior(improve(mesh), interface)
+        flat = _flatness(found.mesh).min()
         if flat < FLAT:
             reasons.append(f"{name} gave flat tets (volume {flat:.1e} of the longest edge's cube)")
             continue
         if best is None or found.min_dihedral > best.min_dihedral:
             best = found
-        if best.min_dihedral >= GOOD_ANGLE:
+        if best.min_dihedral >= GOOD_ANGLE or len(interface.triangles) > LARGE:
             break
     if best is None:
         raise MesherError("; ".join(reasons), remedy="subdivide the interface")
@@ -390,8 +396,14 @@ def _flatness(mesh: TetMesh) -> np.ndarray:
     return mesh.volumes / np.linalg.norm(edges, axis=2).max(axis=1) ** 3
 
 
-def _checked(mesh: TetMesh, interface: Interface) -> Interior:
-    """The mesh with its figures, after a check of what the mesher promised."""
+def checked_interior(mesh: TetMesh, interface: Interface) -> Interior:
+    """A mesh of the core with its figures.
+
+    Raises
+    ------
+    FaultError
+        It does not keep the interface, or not all tets have a positive volume.
+    """
     exact = _keeps_interface(mesh, interface)
     volume, wanted = mesh.volume, interface.volume
     if not exact or mesh.volumes.min() <= 0.0 or abs(volume - wanted) > 1e-10 * abs(wanted):

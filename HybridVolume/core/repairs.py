@@ -13,20 +13,26 @@ from scipy.sparse.csgraph import connected_components
 from .curving import untangle
 from .element_jacobians import prove_positive, scaled_jacobian
 
-_ROUNDS = 6
+_ROUNDS, _LAST = 6, 20
+"""Rounds of half-way steps, and all rounds: elements that have a curved and a straight side may be
+worse than all straight, so that what is straight spreads."""
 _KEPT_QUALITY = 0.5
 """Share of its straight scaled Jacobian that a curved tet should have."""
 _POOR, _WORST = 0.02, 0.002
 """Scaled Jacobians below which wedges, and wedges with all around them, are worth the work."""
 _PASSES = (
+    (3, 0, {"penta15": 0.0, "tet10": 0.0}),
+    (4, 1, {"penta15": 0.0, "tet10": 0.0}),
+    (5, 2, {"penta15": 0.0, "tet10": 0.0}),
     (3, 0, {"penta15": _POOR, "tet10": 0.0}),
     (4, 1, {"penta15": _WORST, "tet10": 0.0}),
-    (5, 2, {"penta15": 0.0, "tet10": 0.0}),
 )
-"""Density of samples, rings of elements around the poor ones, and what counts as poor.
-Tets that are proved are hardly better straight, as flat as their corners: wedges gain much."""
+"""Density of samples, rings of elements around the poor ones, and what counts as poor: first those
+that are not proved, then poor wedges. Tets that are proved are hardly better straight, as flat as
+their corners: wedges gain much."""
 
-
+_MANY = 100
+"""Poor elements up to which those that are proved are worth the work."""
 _FEW = 10
 """Elements that are not proved, up to which all passes are tried."""
 
@@ -59,6 +65,11 @@ class Elements:
     def all_proved(self) -> bool:
         """Whether every element is proved valid."""
         return all(p.all() for p in self.proved)
+
+    @property
+    def unproved(self) -> int:
+        """Elements that are not proved valid."""
+        return sum(int(np.count_nonzero(~p)) for p in self.proved)
 
     def move(self, nodes: np.ndarray) -> None:
         """Give all nodes new places; elements none of whose nodes moved are not judged again."""
@@ -110,7 +121,7 @@ def straighten(elements: Elements, movable: np.ndarray, ends: np.ndarray) -> int
     share = np.ones(len(curved))
     may_move = np.zeros(len(curved), dtype=bool)
     may_move[movable] = True
-    for round_ in range(_ROUNDS):
+    for round_ in range(_LAST):
         bad = [
             c[~proved | (quality < low)].ravel()
             for (_, c), proved, quality, low in zip(
@@ -121,7 +132,7 @@ def straighten(elements: Elements, movable: np.ndarray, ends: np.ndarray) -> int
         bad = bad[may_move[bad] & (share[bad] > 0.0)]
         if not len(bad):
             break
-        share[bad] = 0.0 if round_ == _ROUNDS - 1 else 0.5 * share[bad]
+        share[bad] = 0.0 if round_ >= _ROUNDS - 1 else 0.5 * share[bad]
         nodes = elements.nodes.copy()
         mix = share[bad, None]
         nodes[bad] = mix * curved[bad] + (1.0 - mix) * straight[bad]
@@ -148,7 +159,10 @@ def untangle_inside(elements: Elements, may_move: np.ndarray) -> int:
     for density, rings, least in _PASSES:
         judged = elements.judged()
         poor = [q < least[kind] for q, (kind, _) in zip(judged, elements.kinds, strict=True)]
-        if not any(p.any() for p in poor):
+        count = sum(int(np.count_nonzero(p)) for p in poor)
+        if not count:
+            continue
+        if any(least.values()) and (count > _MANY or not elements.all_proved):
             break
         near = np.zeros(len(before), dtype=bool)
         for flags, (_, c) in zip(poor, elements.kinds, strict=True):
@@ -165,16 +179,15 @@ def untangle_inside(elements: Elements, may_move: np.ndarray) -> int:
         fresh = untangle(old, around, free, density)
         cluster = _clusters([c for _, c in around], free)
         elements.move(fresh)
-        count = int(cluster.max()) + 1
-        worst = [np.full(count, np.inf) for _ in range(2)]
+        clusters = int(cluster.max()) + 1
+        worst = [np.full(clusters, np.inf) for _ in range(2)]
         for low, found in zip(worst, (judged, elements.judged()), strict=True):
             for r, (_, c), q in zip(rows, around, found, strict=True):
                 np.minimum.at(low, cluster[c].max(axis=1), q[r])
         undone = free & np.append(worst[1] <= worst[0], False)[cluster]
         if undone.any():
             elements.move(np.where(undone[:, None], old, fresh))
-        left = sum(int(np.count_nonzero(~p)) for p in elements.proved)
-        if left > max(_FEW, 0.5 * sum(int((q < 0.0).sum()) for q in judged)):
+        if elements.unproved > max(_FEW, 0.5 * sum(int((q < 0.0).sum()) for q in judged)):
             # denser samples around more elements would take long, and hardly help
             break
     return int(np.count_nonzero((elements.nodes != before).any(axis=1)))

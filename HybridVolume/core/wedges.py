@@ -144,6 +144,20 @@ class Wedges:
             sides.append(length.reshape(-1, 2).mean(axis=1))
         return np.column_stack(sides)
 
+    def poor_cells(self, least: float) -> np.ndarray:
+        """Cells a wedge of which stays below a scaled Jacobian with straight edges inside too."""
+        poor = np.flatnonzero(self.quality() < least)
+        if self.order == 1 or not len(poor):
+            return poor
+        mids, ends = self.curved_inside()
+        curved = self.nodes
+        self.nodes = curved.copy()
+        self.nodes[mids] = 0.5 * (curved[ends[:, 0]] + curved[ends[:, 1]])
+        try:
+            return poor[self.quality(poor) < least]
+        finally:
+            self.nodes = curved
+
     def quality(self, cells: np.ndarray | None = None) -> np.ndarray:
         """Smallest scaled Jacobian over all wedges of a cell, -1 where one is not proved.
 

@@ -3,6 +3,16 @@
 """Tetrahedra: one door to the meshers, each of which runs in a process of its own."""
 
 from .door import CONFORMING, available_engines, enclosed_volume, fill, free_only
+from .improve import improve, tet_quality
 from .mesh import TetMesh
 
-__all__ = ["CONFORMING", "TetMesh", "available_engines", "enclosed_volume", "fill", "free_only"]
+__all__ = [
+    "CONFORMING",
+    "TetMesh",
+    "available_engines",
+    "enclosed_volume",
+    "fill",
+    "free_only",
+    "improve",
+    "tet_quality",
+]
