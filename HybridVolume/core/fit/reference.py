@@ -16,8 +16,10 @@ SHARP = 25.0
 """Degrees by which the faces at an edge turn where it is a feature."""
 BENT = 50.0
 """Degrees by which a line of features turns at a corner."""
+SHORT = 0.01
+"""Side of the pieces that triangles are looked up by, as a share of the diagonal."""
 _NEAR = 12
-"""Triangles around a point that are looked at."""
+"""Pieces around a point whose triangles are looked at."""
 
 
 @dataclass(frozen=True)
@@ -151,19 +153,10 @@ class Reference:
         self.feature_edges = ends[turn > sharp]
         self.nodes = feature_nodes(self.vertices, self.feature_edges)
         self.chains = feature_chains(self.vertices, self.feature_edges, self.nodes)
-        # long triangles are far from their centres: places all over them are looked up
+        # long triangles are far from their centres: places all along them are looked up
         size = np.linalg.norm(np.ptp(self.vertices, axis=0))
-        parts = np.maximum(1, np.ceil(_longest(x) / (0.01 * size))).astype(int)
-        places, owner = [], []
-        for count in np.unique(parts):
-            rows = np.flatnonzero(parts == count)
-            grid = [(i + 1 / 3, j + 1 / 3) for i in range(count) for j in range(count - i)]
-            share = np.array(grid) / count
-            weights = np.column_stack([1.0 - share.sum(axis=1), share])
-            places.append(np.einsum("pk,tkd->tpd", weights, x[rows]).reshape(-1, 3))
-            owner.append(np.repeat(rows, len(share)))
-        self._owner = np.concatenate(owner)
-        self._tree = cKDTree(np.concatenate(places))
+        places, self._owner = _pieces(x, SHORT * size)
+        self._tree = cKDTree(places)
 
     @property
     def diagonal(self) -> float:
@@ -198,8 +191,26 @@ class Reference:
         return found, triangle
 
 
-def _longest(x: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(x - np.roll(x, 1, axis=1), axis=2).max(axis=1)
+def _pieces(x: np.ndarray, short: float) -> tuple[np.ndarray, np.ndarray]:
+    """Middles (p, 3) of triangles (t, 3, 3) halved across their longest sides, and whose they are.
+
+    Halved until no side is longer than ``short``: a thin triangle has pieces along, not across.
+    """
+    owner = np.arange(len(x))
+    middles, owners = [], []
+    while len(x):
+        side = np.linalg.norm(np.roll(x, -1, axis=1) - x, axis=2)
+        first = side.argmax(axis=1)
+        done = side.max(axis=1) <= short
+        middles.append(x[done].mean(axis=1))
+        owners.append(owner[done])
+        x, owner, first = x[~done], owner[~done], first[~done]
+        rows = np.arange(len(x))
+        a, b, c = (x[rows, (first + k) % 3] for k in range(3))
+        middle = 0.5 * (a + b)
+        x = np.concatenate([np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)])
+        owner = np.concatenate([owner, owner])
+    return np.concatenate(middles), np.concatenate(owners)
 
 
 def _on_triangles(p: np.ndarray, x: np.ndarray) -> np.ndarray:
