@@ -119,7 +119,10 @@ def run(options: argparse.Namespace) -> str:
         f"{output.name}: {len(found.faces)} patches, {len(found.surface.control_points)} control"
         f" points, at most {found.distance:.3g} mm from the reference"
         f" ({found.distance / reference.diagonal:.2%} of the diagonal), volume"
-        f" {found.surface.volume():.6g} mm³ (reference {reference.volume():.6g})"
+        f" {found.surface.volume():.6g} mm³ (reference {reference.volume():.6g}); corners of"
+        f" {found.corners.min():.0f} to {found.corners.max():.0f} degrees, normals of a knot span"
+        f" within {found.cone:.0f} degrees"
+        + (f", {len(found.opened)} straight corners opened" if found.opened else "")
     )
 
 

@@ -95,6 +95,19 @@ def test_nearest_points_and_features(goal):
     assert np.allclose(found, expected, atol=1e-12)
 
 
+def test_nearest_points_of_long_thin_triangles():
+    """A prism of 60 strips, each cut in two: the exact distance is that of its flat sides."""
+    goal = Reference(cylinder_triangles(60, 1))
+    rng = np.random.default_rng(2)
+    angle, height = rng.uniform(0.0, 2.0 * np.pi, 400), rng.uniform(0.1, 1.9, 400)
+    points = np.column_stack([np.cos(angle), np.sin(angle), height])
+    # how far the middle of a flat side is below the circle, at an angle from it
+    off = np.mod(angle, np.pi / 30) - np.pi / 60
+    exact = np.cos(off) - np.cos(np.pi / 60)
+    found = np.linalg.norm(goal.nearest(points)[0] - points, axis=1)
+    assert np.abs(found - exact).max() < 1e-12
+
+
 def test_a_cylinder(goal):
     quads = cylinder_quads()
     found = fit(quads, goal, 0.004)
