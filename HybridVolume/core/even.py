@@ -33,7 +33,7 @@ NEEDED_ASPECT = 10.0
 were measured to be worse than those of the same spans in two."""
 NEEDED_FINEST = 16
 """Parts of a span as given that are not cut further without being asked."""
-NEEDED_MOST = 20_000
+NEEDED_MOST = 5_000
 """Spans that are not exceeded without being asked."""
 UNEVEN = 1.5
 """Parts that are added at once, at most, because a line is run through at uneven speed: equal parts
