@@ -30,7 +30,7 @@ INPUT_WORDS = """Each row is one run of the command line with nothing but the sc
 of its own, with all files that it writes: midstructure, field, shell, certificate, core, finite
 element mesh of the second order, document. *w0* is the mean level reached (asked: .5), *scaled
 Jacobian* the smallest of the shell's elements at 6 x 6 x 6 places each, *of the mesh* the smallest
-of all finite elements. Seconds are of the processor, and in brackets on the wall.
+of all finite elements. Seconds are of the processor, of all processes of the run.
 
 """
 
@@ -156,7 +156,7 @@ def _inputs(cases: Sequence[Case]) -> str:
                 f"{case['w0']:.2f}",
                 f"{case['min_scaled_jacobian']:.2g}",
                 *mesh,
-                _spent(case),
+                f"{case['seconds_cpu']:.0f}",
             )
         )
     return INPUT_WORDS + table(head, rows) + _errors(cases) + _told(cases)
@@ -171,10 +171,6 @@ def _told(cases: Sequence[Case]) -> str:
         for note in case.get("notes", [])[:3]
     ]
     return ("\nTold by the runs:\n\n" if lines else "") + "".join(lines)
-
-
-def _spent(case: Case) -> str:
-    return f"{case['seconds_cpu']:.0f} ({case['seconds']:.0f})"
 
 
 def _many(cases: Sequence[Case]) -> str:
