@@ -146,24 +146,31 @@ def evening_part(evening: Mapping[str, Any]) -> dict[str, Any]:
     Returns
     -------
     dict
-        The same, and ``sentence``: in words what was done; empty where that is nothing.
+        The same, and ``sentence``: in words what was asked for and done; empty where both are
+        nothing.
     """
     return {**evening, "sentence": _evening_sentence(evening)}
+
+
+_STRIPS = "; strips are not cut for their aspect where fewer than half of their spans ask for it"
+"""Why spans are longer than was asked."""
 
 
 def _evening_sentence(evening: Mapping[str, Any]) -> str:
     if not evening:
         return ""
     asked, before, after = evening["asked"], evening["before"], evening["after"]
-    if before == after:
-        return ""
     words = (("size", "to {:.3g} mm"), ("aspect", "aspect to {:.3g}"), ("turn", "turn to {:.3g}°"))
     wanted = ", ".join(text.format(asked[name]) for name, text in words if asked[name])
+    if before == after and not wanted:
+        return ""
+    missed = asked["aspect"] and after["aspect"] > 1.01 * asked["aspect"]
     return (
         f"{after['spans']} spans of the faces, {before['spans']} as given"
         f"{f' (asked: {wanted})' if wanted else ''}: longest {after['longest']:.3g} mm (was "
         f"{before['longest']:.3g}), aspect {after['aspect']:.3g} (was {before['aspect']:.3g}), "
         f"turn {after['turn']:.0f}° (was {before['turn']:.0f}°)"
+        f"{_STRIPS if missed else ''}"
     )
 
 

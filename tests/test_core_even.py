@@ -20,6 +20,7 @@ from HybridVolume.core.pipeline import Options, midstructure_stage
 from HybridVolume.core.refinement import cut_spans, insert_knots, split_spans
 from HybridVolume.core.strips import span_intervals
 from HybridVolume.errors import InputError
+from HybridVolume.report import evening_part
 
 
 def moved(body, scale=1.0, origin=(0.0, 0.0, 0.0)):
@@ -140,7 +141,11 @@ def test_a_few_narrow_spans_do_not_cut_the_rest():
     # 2 of 18 spans of each strip are narrow: cutting would make all the others so
     surface = build_surface(list(bodies.box((16.0, 16.0, 0.25), (8, 8, 1)).faces))
     assert span_figures(surface).aspect == pytest.approx(8.0)
-    assert even_out(surface, Evenness(aspect=4.0)) is surface
+    wanted = Evenness(aspect=4.0)
+    assert even_out(surface, wanted) is surface
+    # who asked is told that it stays
+    said = evening_part(evening_figures(wanted, surface, surface))["sentence"]
+    assert "asked: aspect to 4" in said and "aspect 8 (was 8)" in said and "half" in said
 
 
 def test_spans_are_cut_along_their_strips():
