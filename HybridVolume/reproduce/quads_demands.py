@@ -121,10 +121,9 @@ def _limit(case: Case) -> list[Row]:
     # the program compares equal parameters, so that it can only tell more than there is
     met = all(row["distance"] <= 1.01 * row["told"] for row in own)
     first, last = case["rows"][0], case["rows"][-1]
-    figure = (
-        f"{first['share']:.1e} of the diagonal after {first['steps']} subdivisions, "
-        f"{last['share']:.1e} after {last['steps']}"
-    )
+    figure = f"{first['share']:.1e} of the diagonal with {first['steps']} subdivisions"
+    if last is not first:
+        figure += f", {last['share']:.1e} with {last['steps']}"
     return [_row(case["case"], "the distance that is told is no less than the true one",
                  figure, met)]  # fmt: skip
 

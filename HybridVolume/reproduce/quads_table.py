@@ -51,7 +51,7 @@ vertices of valence three.
 
 LIMIT_WORDS = """The limit surface by a subdivision of its own, whose vertices are put to their
 places on the limit; each of these points is projected onto the patches. *Told* is what the program
-says, the distance at equal parameters.
+itself says, which is to be no less.
 
 """
 
@@ -287,7 +287,9 @@ def _broken(cases: Sequence[Case]) -> str:
     for case in cases:
         if case["error"]:
             continue
-        said = case["said"] or "; ".join(case["notes"][:2])
+        # the last note is the summary of the finished volume
+        notes = [note for note in case["notes"] if not note.startswith("w0 ")]
+        said = case["said"] or "; ".join(notes[:2])
         rows.append((case["case"], case["words"], case["expected"], str(case["code"]), said))
     head = ("mesh", "fault", "is to be", "code", "what is said")
     return BROKEN_WORDS + table(head, rows) + _errors(cases)
