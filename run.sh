@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-# ./run.sh BODY.step [options]: completes the volume of a body; `./run.sh --help` tells the options.
+# ./run.sh BODY [options]: completes the volume of a body; `./run.sh --help` tells the options.
 # Installs what is missing first. --free-only leaves the GPL parts out (cgal, gmsh).
 set -euo pipefail
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""The command line: ``python -m HybridVolume BODY.step [options]``, in FreeCAD's Python.
+"""The command line: ``python -m HybridVolume BODY [options]``, in FreeCAD's Python.
 
 ``reproduce`` as the first word remakes a figure or table of the documentation instead, ``fit``
 makes spline patches of a quad mesh.

@@ -192,8 +192,9 @@ def parser() -> Parser:
     """Return the parser of the command line."""
     p = Parser(
         prog="./run.sh",
-        description="Complete the volume of the bodies of a STEP or BREP file: a shell of NURBS "
-        "elements that keeps their faces bit for bit, tetrahedra in the core, one mesh for FEM.",
+        description="Complete the volume of the bodies of a STEP or BREP file, or of a closed mesh "
+        "of quads or a cage (OBJ, OFF, PLY): a shell of NURBS elements that keeps their faces bit "
+        "for bit, tetrahedra in the core, one mesh for FEM.",
         epilog="Writes NAME.FCStd, NAME.vtu, NAME.inp, NAME.png and report.json, and what --export "
         "names. Ends with 0 when "
         "every element is proved valid, 2 for an input that it refuses, 1 for a fault of its own. "
@@ -208,7 +209,7 @@ def parser() -> Parser:
     )
     p.add_argument(
         "body",
-        metavar="BODY.step",
+        metavar="BODY",
         help="STEP or BREP file with untrimmed NURBS faces, or a mesh (.obj, .off, .ply)",
     )
     p.add_argument("-o", "--output", metavar="DIR", help="output folder (default: ./NAME)")
@@ -334,7 +335,8 @@ def _add_spans(p: Parser) -> None:
         "spans",
         "how the faces are cut first, exactly, so that elements have similar size and shape; as "
         "fine as the shell needs in any case: where normals turn by more than 80 degrees, and "
-        "where spans are more than ten times as long as wide",
+        "where at least half of a strip is more than ten times as long as wide (of bodies of up "
+        "to 5,000 spans)",
     )
     group.add_argument(
         "--span-size",

@@ -26,7 +26,7 @@ from HybridVolume.errors import (
     WorkerError,
 )
 
-PROTOCOL = 3
+PROTOCOL = 4
 GOALS = ("volume", "midstructure", "thickness", "mesh")
 """What a job ends with: the hybrid volume, the midstructure alone, how thick a shell will be, or
 the hybrid volume given with another finite element mesh."""

@@ -68,7 +68,7 @@ def test_refused_in_one_line(place, python, name):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        ((), "required: BODY.step"),
+        ((), "required: BODY;"),
         (("bench",), "bench is no command"),
         (("fit", "x.step"), "the following arguments are required: --to"),
         (("box.step", "--w0", "2"), "--w0: '2' is no number between 0 and 1"),
