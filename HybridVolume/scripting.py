@@ -36,7 +36,7 @@ def read_mesh(
     path : path
     scheme : {"auto", "bilinear", "catmull-clark", "smooth"}
         How the mesh becomes patches; by itself Catmull-Clark where there are creases or other
-        faces than quads, else one bilinear patch a quad.
+        faces than quads or a sharp angle, else one bilinear patch a quad.
     steps : int, optional
         Subdivisions first.
     sharp_angle : float

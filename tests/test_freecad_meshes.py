@@ -80,7 +80,12 @@ def test_several_bodies_and_mended_ones(tmp_path):
 def test_bad_requests_are_refused(tmp_path):
     with pytest.raises(OpenBodyError, match="edges 1-2, 1-3, 2-4 and 3-4"):
         read_mesh(written(tmp_path, CUBE.replace("f 1 3 4 2\n", "")))
-    for wrong in ({"scheme": "loop"}, {"steps": 9}, {"sharp_angle": 200.0}):
+    for wrong in (
+        {"scheme": "loop"},
+        {"steps": 9},
+        {"sharp_angle": 200.0},
+        {"scheme": "smooth", "sharp_angle": 30.0},
+    ):
         with pytest.raises(InputError):
             Surfacing(**wrong)
     with pytest.raises(InputError, match="subdivisions of bilinear"):

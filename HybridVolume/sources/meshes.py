@@ -41,7 +41,7 @@ class Surfacing:
     scheme : {"auto", "bilinear", "catmull-clark", "smooth"}
         One bilinear patch a quad; the Catmull-Clark surface of a cage, with creases; or a smooth
         bicubic surface without creases. "auto": Catmull-Clark where the file has creases or other
-        faces than quads, else bilinear.
+        faces than quads, or where a sharp angle is given, else bilinear.
     steps : int or None
         Subdivisions first; None: as many as the scheme needs, and for Catmull-Clark one, or up to
         four where semi-sharp creases need more.
@@ -72,6 +72,11 @@ class Surfacing:
             raise InputError(
                 f"the sharp angle is {self.sharp_angle:g} degrees",
                 remedy="choose an angle from 0 to 180 degrees",
+            )
+        if self.sharp_angle and self.scheme in ("bilinear", "smooth"):
+            raise InputError(
+                f"{self.scheme} patches have no creases by angle ({self.sharp_angle:g} degrees)",
+                remedy="leave the sharp angle out, or choose Catmull-Clark",
             )
 
 
@@ -112,11 +117,11 @@ def read_mesh(path: str | os.PathLike, surfacing: Surfacing | None = None) -> li
 
 
 def chosen_scheme(mesh: PolygonMesh, surfacing: Surfacing) -> str:
-    """The scheme that is meant: for "auto" the one that the mesh asks for."""
+    """The scheme that is meant: for "auto" the one that the mesh, or a sharp angle, asks for."""
     if surfacing.scheme != "auto":
         return surfacing.scheme
     curved = len(mesh.creases) or len(mesh.points) or (mesh.sizes != 4).any()
-    return "catmull-clark" if curved else "bilinear"
+    return "catmull-clark" if curved or surfacing.sharp_angle else "bilinear"
 
 
 def named_bodies(mesh: PolygonMesh, scheme: str, stem: str) -> dict[str, PolygonMesh]:

@@ -114,7 +114,8 @@ def _content(path: Path, suffix: str) -> bytes:
     if suffix not in STEP_SUFFIXES + BREP_SUFFIXES:
         raise errors.InputError(
             f"{path.name} is neither STEP nor BREP ({suffix or 'no suffix'})",
-            remedy="give a .step, .stp, .brep or .brp file",
+            remedy="give a .step, .stp, .brep or .brp file, or a mesh of quads as .obj, .off or"
+            " .ply",
         )
     if not path.is_file():
         raise errors.InputError(f"{path} is no regular file", remedy="give a STEP or BREP file")
