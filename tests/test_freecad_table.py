@@ -40,7 +40,7 @@ def run(body, folder):
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
-        timeout=230,
+        timeout=480,  # other runs go on beside this one
     )
 
 
