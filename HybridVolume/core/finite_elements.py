@@ -41,8 +41,9 @@ _FLIPS = 2
 """Rounds of flipped diagonals before a grid is made finer."""
 _FEW = 20
 """Unproved elements up to which they are untangled before columns are shortened."""
-_SHORTENED = 8
-"""Rounds of shortened columns before a grid is made finer."""
+_SHORTENED, _PATIENCE = 8, 2
+"""Rounds of shortened columns before a grid is made finer, and those without fewer unproved
+elements."""
 REPAIRS = ("straightened", "untangled", "flipped", "refined", "withdrawn")
 """Kinds of repairs that are counted."""
 
@@ -272,11 +273,16 @@ def _shortened_until_proved(
     Many unproved elements are shortened at once, since untangling them takes long; few are
     untangled first.
     """
+    fewest, since = np.inf, 0
     for _ in range(_SHORTENED):
         try:
             return wedges, interior, _mesh(shell, wedges, interior, density, _FEW)
         except MesherError as error:
             logger.info("%s", error.line)
+            since = 0 if error.figure < fewest else since + 1
+            fewest = min(fewest, error.figure)
+            if since == _PATIENCE:
+                break
             found = withdraw_under(
                 shell, lines, density, wedges, flipped, interior, error.triangles
             )

@@ -58,6 +58,9 @@ AHEAD = (0.25, 0.5, 1.0)
 """Shares of a layer by which the feet of columns stand ahead where thin rational layers fail."""
 CLOSER_LOOKS = 3
 """Times that crossings, which only a finer grid shows, are parted."""
+KEPT = 0.95
+"""Share of the mean level that is kept where such crossings are parted; with less another way is
+tried."""
 BACK = 2.5
 """How much farther than its neighbour on a net edge a column may be on its way from one state to
 another."""
@@ -251,7 +254,11 @@ class _Grower(ColumnSpace):
             if thin is None:
                 raise self.failure(last)
             state, planes = self.repaired(thin, crossed, goal, GENTLE, None)
-            state = state if state.accepted else self.blended(thin, crossed)
+            if not state.accepted or state.mean < KEPT * crossed.mean:
+                # a thin shell put in around a few crossings may spread; on the way back from it
+                # only the columns concerned become shorter
+                back = self.blended(thin, crossed)
+                state = max((s for s in (state, back) if s.accepted), key=lambda s: s.mean)
             best = self.polished(state, goal, GENTLE, planes)
         if self.look_closer(best):
             raise self.failure(self.check(best.d))
