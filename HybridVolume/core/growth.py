@@ -254,12 +254,15 @@ class _Grower(ColumnSpace):
             if thin is None:
                 raise self.failure(last)
             state, planes = self.repaired(thin, crossed, goal, GENTLE, None)
-            if not state.accepted or state.mean < KEPT * crossed.mean:
+            starts = [state] if state.accepted else []
+            if not starts or state.mean < KEPT * crossed.mean:
                 # a thin shell put in around a few crossings may spread; on the way back from it
                 # only the columns concerned become shorter
-                back = self.blended(thin, crossed)
-                state = max((s for s in (state, back) if s.accepted), key=lambda s: s.mean)
-            best = self.polished(state, goal, GENTLE, planes)
+                starts.append(self.blended(thin, crossed))
+            best = min(
+                (self.polished(start, goal, GENTLE, planes) for start in starts),
+                key=lambda state: self.fault(state, goal),
+            )
         if self.look_closer(best):
             raise self.failure(self.check(best.d))
         return best
