@@ -13,11 +13,11 @@ from shells import make_shell
 
 from HybridVolume.core.density import Density
 from HybridVolume.core.diagonals import flip_flat, make_wedges
-from HybridVolume.core.element_jacobians import scaled_jacobian
+from HybridVolume.core.element_jacobians import scaled_jacobian, tet_quality
 from HybridVolume.core.finite_elements import build_finite_elements
 from HybridVolume.core.interior import checked_interior, fill_interior
 from HybridVolume.core.sizes import wanted_lines
-from HybridVolume.core.tetmesh import TetMesh, improve, tet_quality
+from HybridVolume.core.tetmesh import TetMesh, improve
 from HybridVolume.core.withdrawal import thicken, withdraw_poor, withdraw_under
 
 

@@ -20,7 +20,7 @@ except SetupError as missing:
 
 from part_bodies import write_step
 
-from HybridVolume.reproduce import main, shell, shell_case
+from HybridVolume.reproduce import cases, main, shell
 from HybridVolume.reproduce.shell_bodies import DEMANDS, made_bodies
 from HybridVolume.reproduce.shell_demands import demands
 from HybridVolume.reproduce.shell_pictures import distribution
@@ -227,7 +227,7 @@ def test_a_fault_is_a_row_as_well():
     try:
         raise ZeroDivisionError("by\nzero")
     except ZeroDivisionError as fault:
-        told = shell_case._told(fault)
+        told = cases.told(fault)
     assert told.code == "fault" and "ZeroDivisionError" in told.message
     assert "\n" not in told.message
 

@@ -10,10 +10,11 @@ import numpy as np
 
 from ..errors import MesherError
 from .density import Density
+from .element_jacobians import tet_quality
 from .interior import Interface, Interior, build_interface, checked_interior
 from .shell import Shell
 from .strips import GridLines
-from .tetmesh import improve, tet_quality
+from .tetmesh import improve
 from .wedges import Wedges
 
 _POOR = 0.05

@@ -362,6 +362,28 @@ def bernstein_lattice(kind: str, density: int) -> np.ndarray:
     return _lattice(_Form(2, density, density) if wedge else _Form(3, density, 0))
 
 
+def tet_quality(corners: np.ndarray) -> np.ndarray:
+    """Scaled Jacobian of straight tets, as of :func:`scaled_jacobian`, (...).
+
+    Parameters
+    ----------
+    corners : (..., 4, 3) array
+    """
+    x = [corners[..., k, :] for k in range(4)]
+    a, b, c = x[1] - x[0], x[2] - x[0], x[3] - x[0]
+    det = (
+        a[..., 0] * (b[..., 1] * c[..., 2] - b[..., 2] * c[..., 1])
+        - a[..., 1] * (b[..., 0] * c[..., 2] - b[..., 2] * c[..., 0])
+        + a[..., 2] * (b[..., 0] * c[..., 1] - b[..., 1] * c[..., 0])
+    )
+    ab, ac, bc = b - a, c - a, c - b
+    la, lb, lc, lab, lac, lbc = (np.einsum("...i,...i->...", v, v) for v in (a, b, c, ab, ac, bc))
+    size = np.maximum(
+        np.maximum(la * lb * lc, la * lab * lac), np.maximum(lb * lab * lbc, lc * lac * lbc)
+    )
+    return np.sqrt(2.0) * det / np.sqrt(np.maximum(size, np.finfo(float).tiny))
+
+
 def scaled_jacobian(
     kind: str, coordinates: np.ndarray, points: np.ndarray | None = None
 ) -> np.ndarray:
@@ -380,8 +402,10 @@ def scaled_jacobian(
     """
     if kind == "hex20":
         return hexahedron_quality(coordinates)
+    if kind == "tet4":
+        return tet_quality(np.asarray(coordinates, dtype=float))
     if points is None:
-        points = bernstein_lattice(kind, 1 if kind in ("tet4", "penta6") else 4)
+        points = bernstein_lattice(kind, 1 if kind == "penta6" else 4)
     wedge = kind.startswith("penta")
     coordinates = np.asarray(coordinates, dtype=float)
     result = np.empty(len(coordinates))

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..errors import HybridVolumeError, SelfIntersectionError, SingularSurfaceError
+from .bezier import bernstein
 from .check import check_surface, check_uncut
 from .intersection import self_intersections
 from .polygons import have, near, some
@@ -94,15 +95,10 @@ def _faces(
 def _sampled(nets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Points and normals at places of each net, (q, k, k, 3) each."""
     degree = nets.shape[1] - 1
-    t = np.linspace(0.0, 1.0, SAMPLES)[:, None]
-    k = np.arange(degree + 1)
-    binomial = np.cumprod(np.concatenate([[1.0], (degree - k[:-1]) / (k[:-1] + 1.0)]))
-    value = binomial * t**k * (1.0 - t) ** (degree - k)
-    k = np.arange(degree)
-    binomial = np.cumprod(np.concatenate([[1.0], (degree - 1 - k[:-1]) / (k[:-1] + 1.0)]))
-    lower = binomial * t**k * (1.0 - t) ** (degree - 1 - k)
-    along = np.einsum("sa,tb,qabd->qstd", lower, value, np.diff(nets, axis=1), optimize=True)
-    across = np.einsum("sa,tb,qabd->qstd", value, lower, np.diff(nets, axis=2), optimize=True)
+    t = np.linspace(0.0, 1.0, SAMPLES)
+    value, slope = bernstein(degree, t), bernstein(degree, t, 1)
+    along = np.einsum("sa,tb,qabd->qstd", slope, value, nets, optimize=True)
+    across = np.einsum("sa,tb,qabd->qstd", value, slope, nets, optimize=True)
     points = np.einsum("sa,tb,qabd->qstd", value, value, nets, optimize=True)
     return points, np.cross(along, across)
 

@@ -29,6 +29,7 @@ from HybridVolume.errors import HybridVolumeError, InputError, WorkerError
 from HybridVolume.freecad_python import import_freecad
 from HybridVolume.job import Job, worker_python
 
+from .cases import add_case_arguments, check_names, told_figures
 from .midstructure import BESIDE, EXAMPLES, body_files, write_json
 from .shell import THREADS, machine
 
@@ -145,13 +146,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PART|CASE",
         help=f"{', '.join(PARTS)}, or names of cases as patch-torus; the others are left out",
     )
-    parser.add_argument(
-        "--gather", action="store_true", help="do nothing new: tables of what is finished"
-    )
-    parser.add_argument("--again", action="store_true", help="do finished cases again")
-    parser.add_argument(
-        "--time-limit", type=float, default=1800.0, metavar="S", help="seconds for a case (1800)"
-    )
+    add_case_arguments(parser, 1800.0, "case")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -199,15 +194,7 @@ def run(options: argparse.Namespace) -> int:
             runner.screen.line(f"no pictures: {error.line}")
         write_json(folder / "fem.json", found)
     text = as_markdown(found)
-    (folder / "fem.md").write_text(text, encoding="utf-8")
-    runner.screen.line(text)
-    unmet = [row for row in found["demands"] if row["met"] is False]
-    runner.screen.line(f"{folder / 'fem.md'}: {len(unmet)} of {len(found['demands'])} demands "
-                       f"not met ({found['seconds']:.0f} s)")  # fmt: skip
-    failed = [case["name"] for part in PARTS.values() for case in found[part] if case["error"]]
-    if failed:
-        runner.screen.line(f"cases with an error: {', '.join(failed)}")
-    return 1 if unmet or failed or found["not_done"] else 0
+    return told_figures(found, text, folder / "fem.md", runner.screen, PARTS.values())
 
 
 @dataclass
@@ -326,13 +313,7 @@ def _chosen(cases: Sequence[Case], only: Sequence[str] | None) -> list[Case]:
     """
     if not only:
         return list(cases)
-    names = {case.name for case in cases}
-    unknown = [word for word in only if word not in PARTS and word not in names]
-    if unknown:
-        raise InputError(
-            f"{', '.join(unknown)}: no such part or case",
-            remedy=f"parts are {', '.join(PARTS)}, cases {', '.join(sorted(names))}",
-        )
+    check_names(only, cases, PARTS)
     chosen = [case for case in cases if case.part in only or case.name in only]
     needed = {case.after.name for case in chosen if case.after} | {case.name for case in chosen}
     return [case for case in cases if case.name in needed]

@@ -13,14 +13,14 @@ import json
 import logging
 import sys
 import time
-import traceback
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from HybridVolume import protocol
-from HybridVolume.errors import FaultError, HybridVolumeError
-from HybridVolume.worker import Channel, die_with_parent
+from HybridVolume.worker import Channel
+
+from .cases import case_main, processor_seconds, told
 
 logger = logging.getLogger(__name__)
 
@@ -104,41 +104,9 @@ def run_case(folder: Path, channel: Channel) -> None:
         file.write((json.dumps(values, indent=1, allow_nan=False) + "\n").encode())
 
 
-def told(fault: Exception) -> HybridVolumeError:
-    """A fault of ours is a row as well: one case must not hide the others."""
-    if isinstance(fault, HybridVolumeError):
-        return fault
-    logger.exception("a fault")
-    where = traceback.extract_tb(fault.__traceback__)[-1]
-    text = f"{type(fault).__name__} in {Path(where.filename).name}:{where.lineno}: {fault}"
-    return FaultError(text.replace("\n", " "))
-
-
-def processor_seconds() -> float:
-    """Seconds of the processor that this process and its finished children have used."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return time.process_time()
-    usage = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    return sum(one.ru_utime + one.ru_stime for one in usage)
-
-
 def main(arguments: list[str] | None = None) -> int:
     """Run one case; return the exit code."""
-    (folder,) = sys.argv[1:] if arguments is None else arguments
-    channel = Channel()
-    die_with_parent()
-    logging.basicConfig(level=logging.INFO, format="%(relativeCreated)7d %(name)s: %(message)s")
-    try:
-        run_case(Path(folder), channel)
-    except Exception as fault:
-        logger.exception("a fault of the reproduction")
-        text = f"{type(fault).__name__}: {fault}".replace("\n", " ")
-        channel.send(error=FaultError(text).to_dict())
-        return 1
-    channel.send(done=True)
-    return 0
+    return case_main(run_case, arguments)
 
 
 if __name__ == "__main__":

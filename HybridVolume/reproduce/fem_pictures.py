@@ -9,13 +9,10 @@ names of the files as JSON.
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 from pathlib import Path
 
-from HybridVolume.errors import WorkerError
-
-from .midstructure import PROJECT
+from .cases import drawn_elsewhere
 
 TIME_LIMIT = 300.0
 
@@ -35,18 +32,7 @@ def draw(folder: Path, python: str) -> list[str]:
     WorkerError
         It failed.
     """
-    command = [python, "-m", __name__, str(folder.resolve())]
-    try:
-        done = subprocess.run(
-            command, cwd=PROJECT, stdin=subprocess.DEVNULL, capture_output=True, text=True,
-            check=False, timeout=TIME_LIMIT,
-        )  # fmt: skip
-    except subprocess.TimeoutExpired:
-        raise WorkerError(f"no pictures within {TIME_LIMIT:g} s") from None
-    if done.returncode:
-        last = (done.stderr.strip().splitlines() or ["no reason"])[-1]
-        raise WorkerError(f"the pictures ended with code {done.returncode}: {last}")
-    return list(json.loads(done.stdout.splitlines()[-1]))
+    return drawn_elsewhere(__name__, folder, python, TIME_LIMIT)
 
 
 def main(arguments: list[str] | None = None) -> int:

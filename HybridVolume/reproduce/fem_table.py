@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from .table import table
+from .table import demand_table, made_on, table
 
 Case = Mapping[str, Any]
 Row = dict[str, Any]
@@ -62,8 +62,9 @@ of the nodal forces is from the face's, over the root of its area.
 
 def as_markdown(found: Mapping[str, Any]) -> str:
     """The text of fem.md."""
-    parts = [INTRODUCTION, _machine(found)]
-    parts.append(_section("What is demanded, and what is reached", _demands(found["demands"])))
+    parts = [INTRODUCTION, made_on(found, "cases")]
+    reached = demand_table(found["demands"])
+    parts.append(_section("What is demanded, and what is reached", reached))
     parts.append(_section("Patch tests", _patch(found["patch_tests"])))
     parts.append(_section("Sums of loads", _loads(found["load_sums"])))
     parts.append(_section("Accuracy", _accuracy(found["accuracy"])))
@@ -141,34 +142,6 @@ def _reason(error: Mapping[str, Any]) -> str:
 
 def _section(heading: str, text: str) -> str:
     return f"## {heading}\n\n{text}" if text else ""
-
-
-def _machine(found: Mapping[str, Any]) -> str:
-    machine = found["machine"]
-    lines = [f"Made on {machine['processor']}, {machine['cores']} cores, two cases side by side "
-             f"with one thread each, Python {machine['python']}."]  # fmt: skip
-    if found["missing"]:
-        lines += ["", "Not measured, since their files were not there (`--data` names a folder): "
-                  f"{', '.join(found['missing'])}."]  # fmt: skip
-    if found["not_done"]:
-        lines += ["", f"Not done yet: {', '.join(found['not_done'])}."]
-    return "\n".join(lines) + "\n"
-
-
-def _demands(rows: Sequence[Row]) -> str:
-    if not rows:
-        return ""
-    words = {True: "met", False: "**not met**", None: "not asked"}
-    asked = [row for row in rows if row["met"] is not None]
-    met = sum(bool(row["met"]) for row in asked)
-    return (
-        f"{met} of {len(asked)} demands are met; the words in the last column come from the "
-        "figures.\n\n"
-        + table(
-            ("case", "demand", "figure", ""),
-            [(row["case"], row["demand"], row["figure"], words[row["met"]]) for row in rows],
-        )
-    )
 
 
 def _patch(cases: Sequence[Case]) -> str:

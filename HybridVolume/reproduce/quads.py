@@ -21,10 +21,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from HybridVolume.errors import InputError, WorkerError
+from HybridVolume.errors import WorkerError
 from HybridVolume.freecad_python import import_freecad
 from HybridVolume.job import Job
 
+from .cases import add_case_arguments, check_names, told_figures
 from .fem import Runner
 from .midstructure import PROJECT, write_json
 from .quads_broken import catalogue
@@ -132,13 +133,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PART|CASE",
         help=f"{', '.join(PARTS)}, or names of cases as fish; the others are left out",
     )
-    parser.add_argument(
-        "--gather", action="store_true", help="do nothing new: tables of what is finished"
-    )
-    parser.add_argument("--again", action="store_true", help="do finished cases again")
-    parser.add_argument(
-        "--time-limit", type=float, default=1500.0, metavar="S", help="seconds for a case (1500)"
-    )
+    add_case_arguments(parser, 1500.0, "case")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -187,15 +182,7 @@ def run(options: argparse.Namespace) -> int:
     found["seconds"] = time.perf_counter() - started
     write_json(folder / "quads.json", found)
     text = as_markdown(found)
-    (folder / "quads.md").write_text(text, encoding="utf-8")
-    runner.screen.line(text)
-    unmet = [row for row in found["demands"] if row["met"] is False]
-    runner.screen.line(f"{folder / 'quads.md'}: {len(unmet)} of {len(found['demands'])} demands "
-                       f"not met ({found['seconds']:.0f} s)")  # fmt: skip
-    failed = [case["name"] for part in PARTS.values() for case in found[part] if case["error"]]
-    if failed:
-        runner.screen.line(f"cases with an error: {', '.join(failed)}")
-    return 1 if unmet or failed or found["not_done"] else 0
+    return told_figures(found, text, folder / "quads.md", runner.screen, PARTS.values())
 
 
 def all_cases(files: Mapping[str, Path], folder: Path) -> tuple[list[Case], list[str]]:
@@ -287,13 +274,7 @@ def _chosen(cases: Sequence[Case], only: Sequence[str] | None) -> list[Case]:
     """
     if not only:
         return list(cases)
-    names = {case.name for case in cases}
-    unknown = [word for word in only if word not in PARTS and word not in names]
-    if unknown:
-        raise InputError(
-            f"{', '.join(unknown)}: no such part or case",
-            remedy=f"parts are {', '.join(PARTS)}, cases {', '.join(sorted(names))}",
-        )
+    check_names(only, cases, PARTS)
     return [case for case in cases if case.part in only or case.name in only]
 
 

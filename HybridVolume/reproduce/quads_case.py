@@ -20,11 +20,11 @@ from typing import Any
 
 from HybridVolume import protocol
 from HybridVolume.completion import Screen
-from HybridVolume.errors import FaultError, WorkerError
+from HybridVolume.errors import WorkerError
 from HybridVolume.job import Job, Progress
-from HybridVolume.worker import Channel, die_with_parent
+from HybridVolume.worker import Channel
 
-from .fem_case import processor_seconds, told
+from .cases import case_main, processor_seconds, told
 from .quads_clock import StageClock
 from .quads_shell import FIGURES_FILE
 
@@ -234,19 +234,7 @@ def run_case(folder: Path, channel: Channel) -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one case; return the exit code."""
-    (folder,) = sys.argv[1:] if arguments is None else arguments
-    channel = Channel()
-    die_with_parent()
-    logging.basicConfig(level=logging.INFO, format="%(relativeCreated)7d %(name)s: %(message)s")
-    try:
-        run_case(Path(folder), channel)
-    except Exception as fault:
-        logger.exception("a fault of the reproduction")
-        text = f"{type(fault).__name__}: {fault}".replace("\n", " ")
-        channel.send(error=FaultError(text).to_dict())
-        return 1
-    channel.send(done=True)
-    return 0
+    return case_main(run_case, arguments)
 
 
 if __name__ == "__main__":

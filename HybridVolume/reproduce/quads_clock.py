@@ -7,7 +7,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from .fem_case import processor_seconds
+from .cases import processor_seconds
 
 FIRST = "reading"
 """The stage before any is told."""

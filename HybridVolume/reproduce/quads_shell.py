@@ -8,15 +8,14 @@ In the worker's Python, for bodies whose shell alone is wanted.
 from __future__ import annotations
 
 import json
-import logging
 import sys
 from pathlib import Path
 from typing import Any
 
 from HybridVolume import exchange, protocol
-from HybridVolume.worker import Channel, die_with_parent
+from HybridVolume.worker import Channel
 
-from .fem_case import told
+from .cases import case_main
 
 FIGURES_FILE = "figures.json"
 """What this process answers."""
@@ -69,22 +68,15 @@ def shell_figures(folder: Path, channel: Channel) -> dict[str, Any]:
     }
 
 
+def work(folder: Path, channel: Channel) -> None:
+    """Make the shell and write its figures; its refusal is that of the process that waits."""
+    text = json.dumps(shell_figures(folder, channel), indent=1, allow_nan=False)
+    (folder / FIGURES_FILE).write_text(text + "\n", encoding="utf-8")
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Make a shell; return the exit code."""
-    (name,) = sys.argv[1:] if arguments is None else arguments
-    channel = Channel()
-    die_with_parent()
-    logging.basicConfig(level=logging.INFO, format="%(relativeCreated)7d %(name)s: %(message)s")
-    folder = Path(name)
-    try:
-        figures = shell_figures(folder, channel)
-    except Exception as fault:
-        channel.send(error=told(fault).to_dict())
-        return 1
-    text = json.dumps(figures, indent=1, allow_nan=False)
-    (folder / FIGURES_FILE).write_text(text + "\n", encoding="utf-8")
-    channel.send(done=True)
-    return 0
+    return case_main(work, arguments)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ import numpy as np
 
 from .quads_demands import SEVERAL, reason
 from .quads_inputs import INPUTS, SHELL
-from .table import table
+from .table import demand_table, made_on, table
 
 Case = Mapping[str, Any]
 Row = Mapping[str, Any]
@@ -68,7 +68,7 @@ with code 2 and leaves no file; what is mended is told, and completed.
 
 def as_markdown(found: Mapping[str, Any]) -> str:
     """The text of quads.md."""
-    parts = [INTRODUCTION, _machine(found)]
+    parts = [INTRODUCTION, made_on(found, "cases")]
     for heading, text in (
         ("What is demanded, and what is reached", _demands(found["demands"])),
         ("The whole way", _inputs(found["cases"])),
@@ -86,41 +86,14 @@ def as_markdown(found: Mapping[str, Any]) -> str:
     return "\n".join(part for part in parts if part)
 
 
-def _machine(found: Mapping[str, Any]) -> str:
-    machine = found["machine"]
-    lines = [f"Made on {machine['processor']}, {machine['cores']} cores, two cases side by side "
-             f"with one thread each, Python {machine['python']}."]  # fmt: skip
-    if found["missing"]:
-        lines += ["", "Not measured, since their files were not there (`--data` names a folder): "
-                  f"{', '.join(found['missing'])}."]  # fmt: skip
-    if found["not_done"]:
-        lines += ["", f"Not done yet: {', '.join(found['not_done'])}."]
-    return "\n".join(lines) + "\n"
-
-
 def _demands(rows: Sequence[Row]) -> str:
-    if not rows:
-        return ""
-    words = {True: "met", False: "**not met**", None: "not asked"}
-    asked = [row for row in rows if row["met"] is not None]
-    met = sum(bool(row["met"]) for row in asked)
-    shown = [row for row in rows if not row["case"].startswith("broken") or not row["met"]]
     broken = [row for row in rows if row["case"].startswith("broken")]
-    text = (
-        f"{met} of {len(asked)} demands are met; the words in the last column come from the "
-        "figures."
-    )
+    shown = [row for row in rows if row not in broken or not row["met"]]
+    more = ""
     if broken:
         held = sum(bool(row["met"]) for row in broken)
-        text += f" Broken meshes have a table of their own below: {held} of {len(broken)} are met."
-    return (
-        text
-        + "\n\n"
-        + table(
-            ("case", "demand", "figure", ""),
-            [(row["case"], row["demand"], row["figure"], words[row["met"]]) for row in shown],
-        )
-    )
+        more = f" Broken meshes have a table of their own below: {held} of {len(broken)} are met."
+    return demand_table(rows, shown=shown, more=more)
 
 
 def _inputs(cases: Sequence[Case]) -> str:

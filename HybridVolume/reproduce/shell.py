@@ -25,6 +25,7 @@ from HybridVolume.errors import HybridVolumeError, InputError, WorkerError
 from HybridVolume.freecad_python import import_freecad
 from HybridVolume.job import Job, worker_python
 
+from .cases import add_case_arguments
 from .midstructure import BESIDE, EXAMPLES, Entry, body_files, read_entries, write_json
 from .shell_bodies import RIVALS_FILE, SPEED_BODY, no_shell
 
@@ -128,13 +129,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--parts", nargs="+", choices=PARTS, default=PARTS, help="leave the other parts out"
     )
-    parser.add_argument(
-        "--gather", action="store_true", help="do nothing new: tables of what is finished"
-    )
-    parser.add_argument("--again", action="store_true", help="do finished cases again")
-    parser.add_argument(
-        "--time-limit", type=float, default=600.0, metavar="S", help="seconds for a body (600)"
-    )
+    add_case_arguments(parser, 600.0, "body")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -14,7 +14,6 @@ import json
 import logging
 import sys
 import time
-import traceback
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,8 +30,9 @@ from HybridVolume.core.reached import inner_figures
 from HybridVolume.core.refinement import split_spans
 from HybridVolume.core.validity import certify, scaled_jacobian
 from HybridVolume.errors import FaultError, HybridVolumeError
-from HybridVolume.worker import Channel, die_with_parent
+from HybridVolume.worker import Channel
 
+from .cases import case_main, processor_seconds, told
 from .shell_bodies import RIVALS_FILE, no_shell
 
 if TYPE_CHECKING:
@@ -82,9 +82,9 @@ class Bench:
     def _stopped(self, what: str) -> Iterator[list[float]]:
         """Seconds on the wall and of the processor, in a list that is filled at the end."""
         spent = [0.0, 0.0]
-        started = time.perf_counter(), _processor()
+        started = time.perf_counter(), processor_seconds()
         yield spent
-        spent[:] = [time.perf_counter() - started[0], _processor() - started[1]]
+        spent[:] = [time.perf_counter() - started[0], processor_seconds() - started[1]]
         logger.info("%s: %.2f s, %.2f s of the processor", what, *spent)
 
     def prepare(self) -> None:
@@ -278,26 +278,6 @@ def _bound(stage: Stage) -> np.ndarray:
     return scaled_jacobian_bound(stage.surface)
 
 
-def _processor() -> float:
-    """Seconds of the processor that this process and its finished children have used."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return time.process_time()
-    usage = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    return sum(one.ru_utime + one.ru_stime for one in usage)
-
-
-def _told(fault: Exception) -> HybridVolumeError:
-    """A fault of ours is a row as well: one case must not hide the others."""
-    if isinstance(fault, HybridVolumeError):
-        return fault
-    logger.exception("a fault")
-    where = traceback.extract_tb(fault.__traceback__)[-1]
-    text = f"{type(fault).__name__} in {Path(where.filename).name}:{where.lineno}: {fault}"
-    return FaultError(text.replace("\n", " "))
-
-
 def work(folder: Path, channel: Channel) -> None:
     """All cases of the job; what cannot be made is a case with an error."""
     task = json.loads((folder / job.OPTIONS_FILE).read_text(encoding="utf-8"))
@@ -313,7 +293,7 @@ def work(folder: Path, channel: Channel) -> None:
         bench.prepare()
         made.update(bench.prepared())
     except Exception as fault:
-        values = {**no_shell(_told(fault)), "seconds": time.perf_counter() - started}
+        values = {**no_shell(told(fault)), "seconds": time.perf_counter() - started}
         for name, asked in options["asked"].items():
             write_case(cases, name, {**head, **asked, **made, **values})
         return
@@ -330,7 +310,7 @@ def work(folder: Path, channel: Channel) -> None:
         try:
             values = kinds[asked["kind"]](asked)
         except Exception as fault:
-            values = {**no_shell(_told(fault)), "bound": made["bound"]}
+            values = {**no_shell(told(fault)), "bound": made["bound"]}
             values["seconds"] = time.perf_counter() - started
         write_case(cases, name, {**head, **asked, **made, **values})
         channel.send(stage="case", fraction=0.0, text=name)
@@ -338,19 +318,7 @@ def work(folder: Path, channel: Channel) -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one job; return the exit code."""
-    (folder,) = sys.argv[1:] if arguments is None else arguments
-    channel = Channel()
-    die_with_parent()
-    logging.basicConfig(level=logging.INFO, format="%(relativeCreated)7d %(name)s: %(message)s")
-    try:
-        work(Path(folder), channel)
-    except Exception as fault:
-        logger.exception("a fault of the reproduction")
-        text = f"{type(fault).__name__}: {fault}".replace("\n", " ")
-        channel.send(error=FaultError(text).to_dict())
-        return 1
-    channel.send(done=True)
-    return 0
+    return case_main(work, arguments)
 
 
 if __name__ == "__main__":

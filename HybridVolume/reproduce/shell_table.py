@@ -9,7 +9,7 @@ from typing import Any
 
 from .shell_bodies import DEMANDS, SPEED_BODY
 from .shell_demands import sound
-from .table import table
+from .table import demand_table, made_on, table
 
 Case = Mapping[str, Any]
 
@@ -44,8 +44,12 @@ METHODS = {
 
 def as_markdown(found: Mapping[str, Any]) -> str:
     """The text of shell.md."""
-    parts = [INTRODUCTION + "\n```\n./run.sh reproduce shell -o DIR\n```\n", _machine(found)]
-    parts += [_section("What is demanded, and what is reached", _demands(found["demands"]))]
+    reached = demand_table(found["demands"], "body")
+    parts = [
+        INTRODUCTION + "\n```\n./run.sh reproduce shell -o DIR\n```\n",
+        made_on(found, "bodies"),
+        _section("What is demanded, and what is reached", reached),
+    ]
     cases = found["cases"]
     groups: dict[str, list[Case]] = {}
     for case in cases:
@@ -69,38 +73,6 @@ def _section(heading: str, text: str) -> str:
 
 def _of(cases: Sequence[Case], group: str) -> list[Case]:
     return [case for case in cases if case["group"] == group]
-
-
-def _machine(found: Mapping[str, Any]) -> str:
-    machine = found["machine"]
-    lines = [f"Made on {machine['processor']}, {machine['cores']} cores, two bodies side by side "
-             f"with one thread each, Python {machine['python']}."]  # fmt: skip
-    if found["missing"]:
-        lines.append("")
-        lines.append(
-            "Not measured, since their files were not there (`--data` names a folder): "
-            f"{', '.join(found['missing'])}."
-        )
-    if found["not_done"]:
-        lines.append("")
-        lines.append(f"{len(found['not_done'])} further cases had not been done yet.")
-    return "\n".join(lines) + "\n"
-
-
-def _demands(rows: Sequence[Mapping[str, Any]]) -> str:
-    if not rows:
-        return ""
-    words = {True: "met", False: "**not met**", None: "not asked"}
-    asked = [row for row in rows if row["met"] is not None]
-    met = sum(row["met"] for row in asked)
-    return (
-        f"{met} of {len(asked)} demands are met; the words in the last column come "
-        "from the figures.\n\n"
-        + table(
-            ("body", "demand", "figure", ""),
-            [(row["body"], row["demand"], row["figure"], words[row["met"]]) for row in rows],
-        )
-    )
 
 
 def _cases(cases: Sequence[Case]) -> str:

@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""The tables of ``./run.sh reproduce midstructure``."""
+"""Tables as Markdown, and those of ``./run.sh reproduce midstructure``."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
+
+NAMED = 20
+"""Cases that are named where they are not done; of more only their number is told."""
 
 
 def as_markdown(found: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
@@ -136,3 +139,64 @@ def timing(rows: Sequence[Mapping[str, Any]]) -> str:
 
 def _spent(row: Mapping[str, Any], what: str, digits: int) -> str:
     return f"{row[what]:.{digits}f} s ({row[f'{what}_cpu']:.{digits}f} s of the processor)"
+
+
+def made_on(found: Mapping[str, Any], several: str) -> str:
+    """Where and when figures were made, and what is missing.
+
+    Parameters
+    ----------
+    found : mapping
+        With ``machine``, ``missing`` and ``not_done``.
+    several : str
+        What was done side by side: "cases", "bodies".
+    """
+    machine = found["machine"]
+    lines = [
+        f"Made on {machine['processor']}, {machine['cores']} cores, two {several} side by side with"
+        f" one thread each, Python {machine['python']}."
+    ]
+    if found["missing"]:
+        lines += ["", "Not measured, since their files were not there (`--data` names a folder): "
+                  f"{', '.join(found['missing'])}."]  # fmt: skip
+    left = found["not_done"]
+    if left:
+        names = ", ".join(left) if len(left) <= NAMED else f"{len(left)} cases"
+        lines += ["", f"Not done yet: {names}."]
+    return "\n".join(lines) + "\n"
+
+
+def demand_table(
+    rows: Sequence[Mapping[str, Any]],
+    head: str = "case",
+    *,
+    shown: Sequence[Mapping[str, Any]] | None = None,
+    more: str = "",
+) -> str:
+    """What is demanded and whether it is met, with a sentence that counts; empty without rows.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        With ``demand``, ``figure``, ``met`` (None where it was not asked) and the head's key.
+    head : str
+        Key and head of the first column.
+    shown : sequence of mapping, optional
+        Those of them that stand in the table; all otherwise.
+    more : str
+        Further words beside the count.
+    """
+    if not rows:
+        return ""
+    shown = rows if shown is None else shown
+    words = {True: "met", False: "**not met**", None: "not asked"}
+    asked = [row for row in rows if row["met"] is not None]
+    met = sum(bool(row["met"]) for row in asked)
+    return (
+        f"{met} of {len(asked)} demands are met; the words in the last column come from the "
+        f"figures.{more}\n\n"
+        + table(
+            (head, "demand", "figure", ""),
+            [(row[head], row["demand"], row["figure"], words[row["met"]]) for row in shown],
+        )
+    )

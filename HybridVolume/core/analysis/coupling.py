@@ -22,39 +22,9 @@ import numpy as np
 from scipy import sparse
 
 from ..recovery import Material
+from .assembly import elastic, stiffness
 from .spline_space import SplineSpace
-from .tet_space import TetSpace
-
-
-def stacked(shell: sparse.spmatrix, core: sparse.spmatrix) -> sparse.csr_matrix:
-    """Matrices of three components of two spaces as one, the components of both together.
-
-    Parameters
-    ----------
-    shell : (3 n, 3 n) sparse matrix
-    core : (3 m, 3 m) sparse matrix
-
-    Returns
-    -------
-    (3 (n + m), 3 (n + m)) sparse matrix
-    """
-    n, m = shell.shape[0] // 3, core.shape[0] // 3
-    shell, core = shell.tocsr(), core.tocsr()
-    return sparse.bmat(
-        [
-            [
-                sparse.block_diag(
-                    [
-                        shell[a * n : (a + 1) * n, b * n : (b + 1) * n],
-                        core[a * m : (a + 1) * m, b * m : (b + 1) * m],
-                    ]
-                )
-                for b in range(3)
-            ]
-            for a in range(3)
-        ],
-        format="csr",
-    )
+from .tet_space import FaceSamples, TetSpace
 
 
 @dataclass(frozen=True)
@@ -102,38 +72,32 @@ class CollocationSpace:
         identity = sparse.identity(self.spline.size, format="csr")
         return sparse.bmat([[identity, None], [follow @ self.trace, own]], format="csr")
 
-    def together(
-        self, shell: sparse.spmatrix, core: sparse.spmatrix, conductivity: float = 1.0
-    ) -> sparse.csr_matrix:
-        """A matrix of both spaces over the coupled unknowns, C' diag(shell, core) C.
+    def conduction(self, outer: float, inner: float) -> sparse.csr_matrix:
+        """Stiffness of heat conduction, (size, size).
 
         Parameters
         ----------
-        shell, core : sparse matrices
-        conductivity : float
-            Not needed here: nothing is integrated over the interface.
+        outer, inner : float
+            Conductivity of shell and core.
         """
-        both = sparse.block_diag([shell, core], format="csr")
+        both = _apart(outer * stiffness(self.spline), inner * stiffness(self.tets))
         return (self.constraint.T @ both @ self.constraint).tocsr()
+
+    def elasticity(self, outer: Material, inner: Material) -> sparse.csr_matrix:
+        """Stiffness of three components, (3 size, 3 size), as :func:`.assembly.elastic` has them.
+
+        Parameters
+        ----------
+        outer, inner : Material
+            Of shell and core.
+        """
+        constraint = sparse.kron(sparse.identity(3), self.constraint, format="csr")
+        both = _elastic_apart(self.spline, self.tets, outer, inner)
+        return (constraint.T @ both @ constraint).tocsr()
 
     def loaded(self, shell: np.ndarray, core: np.ndarray) -> np.ndarray:
         """A vector of both spaces over the coupled unknowns, C' (shell, core)."""
         return self.constraint.T @ np.concatenate([shell, core])
-
-    def elastic_together(
-        self, shell: sparse.spmatrix, core: sparse.spmatrix, material: Material
-    ) -> sparse.csr_matrix:
-        """A matrix of three components, as :func:`.assembly.elastic` orders them.
-
-        Parameters
-        ----------
-        shell, core : sparse matrices
-        material : Material
-            Not needed here: nothing is integrated over the interface.
-        """
-        both = stacked(shell, core)
-        constraint = sparse.kron(sparse.identity(3), self.constraint, format="csr")
-        return (constraint.T @ both @ constraint).tocsr()
 
     def parts(self, solution: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Coefficients of the shell and values at all nodes of the core, of (size, ...) arrays."""
@@ -161,71 +125,102 @@ class NitscheSpace:
         """Number of unknowns (of one component)."""
         return self.spline.size + self.tets.size
 
-    def together(
-        self, shell: sparse.spmatrix, core: sparse.spmatrix, conductivity: float = 1.0
-    ) -> sparse.csr_matrix:
-        """Stiffness of both with the terms of the interface.
+    @cached_property
+    def _faces(self) -> FaceSamples:
+        return self.tets.face_samples()
+
+    @cached_property
+    def _jump(self) -> sparse.csr_matrix:
+        """The jump [u] at the interface's quadrature points, (m, size)."""
+        faces = self._faces
+        beside = self.spline.basis_at(faces.patch, faces.uv, faces.w)
+        return sparse.hstack([-beside, faces.values], format="csr")
+
+    def _of_core(self, matrix: sparse.spmatrix) -> sparse.csr_matrix:
+        """A matrix on the core's nodes as one on all unknowns."""
+        nothing = sparse.csr_matrix((matrix.shape[0], self.spline.size))
+        return sparse.hstack([nothing, matrix], format="csr")
+
+    def _penalty(self, stiff: float) -> sparse.csr_matrix:
+        """Integrals of 2 k C_F [u] [v]."""
+        weight = sparse.diags(2.0 * stiff * self._faces.measure * self._faces.bound)
+        return self._jump.T @ weight @ self._jump
+
+    def conduction(self, outer: float, inner: float) -> sparse.csr_matrix:
+        """Stiffness of heat conduction with the terms of the interface, (size, size).
 
         Parameters
         ----------
-        shell, core : sparse matrices
-        conductivity : float
-            Of the core.
+        outer, inner : float
+            Conductivity of shell and core.
         """
-        faces = self.tets.face_samples()
-        beside = self.spline.basis_at(faces.patch, faces.uv, faces.w)
-        jump = sparse.hstack([-beside, faces.values], format="csr")
-        nothing = sparse.csr_matrix((len(faces.measure), self.spline.size))
-        slope = sparse.hstack([nothing, faces.slopes], format="csr")
-        weight = sparse.diags(conductivity * faces.measure)
-        consistent = slope.T @ weight @ jump
-        penalty = jump.T @ sparse.diags(2.0 * conductivity * faces.measure * faces.bound) @ jump
-        both = sparse.block_diag([shell, core], format="csr")
-        return (both - consistent - consistent.T + penalty).tocsr()
+        weight = sparse.diags(inner * self._faces.measure)
+        flux = self._jump.T @ weight @ self._of_core(self._faces.slopes)
+        both = _apart(outer * stiffness(self.spline), inner * stiffness(self.tets))
+        return (both - flux - flux.T + self._penalty(inner)).tocsr()
 
-    def elastic_together(
-        self, shell: sparse.spmatrix, core: sparse.spmatrix, material: Material
-    ) -> sparse.csr_matrix:
-        """Stiffness of three components with the terms of the interface.
+    def elasticity(self, outer: Material, inner: Material) -> sparse.csr_matrix:
+        """Stiffness of three components with the terms of the interface, (3 size, 3 size).
 
         Parameters
         ----------
-        shell, core : sparse matrices
-            As :func:`.assembly.elastic` orders them.
-        material : Material
-            Of the core.
+        outer, inner : Material
+            Of shell and core.
         """
-        faces = self.tets.face_samples()
-        beside = self.spline.basis_at(faces.patch, faces.uv, faces.w)
-        jump = sparse.hstack([-beside, faces.values], format="csr")
-        nothing = sparse.csr_matrix((len(faces.measure), self.spline.size))
-        gradients = [sparse.hstack([nothing, g], format="csr") for g in faces.gradients]
+        faces = self._faces
+        gradients = [self._of_core(gradient) for gradient in faces.gradients]
+        slope = self._of_core(faces.slopes)
         normal = [sparse.diags(n) for n in faces.normal.T]
-        slope = sum(n @ g for n, g in zip(normal, gradients, strict=True))
-        lame, shear = material.lame, material.shear
-        weight = sparse.diags(faces.measure)
-        stiff = 2.0 * (lame + 2.0 * shear)
-        penalty = jump.T @ sparse.diags(stiff * faces.measure * faces.bound) @ jump
-        blocks = [[None] * 3 for _ in range(3)]
-        for a in range(3):
-            for b in range(3):
+        tested = self._jump.T @ sparse.diags(faces.measure)
+        blocks = [
+            [
                 # the traction's component a of the displacement's component b
-                traction = lame * normal[a] @ gradients[b] + shear * normal[b] @ gradients[a]
-                if a == b:
-                    traction = traction + shear * slope
-                blocks[a][b] = jump.T @ weight @ traction
-        consistent = sparse.bmat(blocks, format="csr")
-        return (
-            stacked(shell, core)
-            - consistent
-            - consistent.T
-            + sparse.kron(sparse.identity(3), penalty)
-        ).tocsr()
+                tested
+                @ (
+                    inner.lame * normal[a] @ gradients[b]
+                    + inner.shear * normal[b] @ gradients[a]
+                    + inner.shear * (a == b) * slope
+                )
+                for b in range(3)
+            ]
+            for a in range(3)
+        ]
+        flux = sparse.bmat(blocks, format="csr")
+        penalty = sparse.kron(sparse.identity(3), self._penalty(inner.lame + 2.0 * inner.shear))
+        both = _elastic_apart(self.spline, self.tets, outer, inner)
+        return (both - flux - flux.T + penalty).tocsr()
 
     def loaded(self, shell: np.ndarray, core: np.ndarray) -> np.ndarray:
         """A vector of both spaces."""
         return np.concatenate([shell, core])
 
     def parts(self, solution: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Coefficients of the shell and values at all nodes of the core."""
+        """Coefficients of the shell and values at all nodes of the core, of (size, ...) arrays."""
         return solution[: self.spline.size], solution[self.spline.size :]
+
+
+def _apart(shell: sparse.spmatrix, core: sparse.spmatrix) -> sparse.csr_matrix:
+    """Matrices of both spaces side by side."""
+    return sparse.block_diag([shell, core], format="csr")
+
+
+def _elastic_apart(
+    spline: SplineSpace, tets: TetSpace, outer: Material, inner: Material
+) -> sparse.csr_matrix:
+    """Elastic stiffness of both spaces, components first: x of shell and core, then y, then z."""
+    n, m = spline.size, tets.size
+    shell = elastic(spline, outer.lame, outer.shear)
+    core = elastic(tets, inner.lame, inner.shear)
+    return sparse.bmat(
+        [
+            [
+                _apart(
+                    shell[a * n : (a + 1) * n, b * n : (b + 1) * n],
+                    core[a * m : (a + 1) * m, b * m : (b + 1) * m],
+                )
+                for b in range(3)
+            ]
+            for a in range(3)
+        ],
+        format="csr",
+    )

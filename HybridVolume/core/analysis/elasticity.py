@@ -11,7 +11,7 @@ import numpy as np
 
 from ...errors import InputError
 from ..recovery import Material
-from .assembly import elastic, errors, load
+from .assembly import errors, load
 from .boundary import boundary_load, boundary_projection
 from .coupling import CollocationSpace, NitscheSpace
 from .linear import solve_fixed
@@ -88,9 +88,7 @@ def solve_elasticity(
         raise InputError("nothing is fixed", remedy="give displacements on a face")
     shell, core = (materials, materials) if isinstance(materials, Material) else materials
     spline, tets = space.spline, space.tets
-    matrix = space.elastic_together(
-        elastic(spline, shell.lame, shell.shear), elastic(tets, core.lame, core.shear), core
-    )
+    matrix = space.elasticity(shell, core)
     outside = np.zeros((spline.size, 3))
     for face, traction in (tractions or {}).items():
         outside += boundary_load(spline, traction, [face])

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .assembly import errors, load, stiffness
+from .assembly import errors, load
 from .boundary import boundary_projection
 from .coupling import CollocationSpace, NitscheSpace
 from .linear import solve_fixed
@@ -61,8 +61,7 @@ def solve_poisson(
         The linear system was not solved.
     """
     spline, tets = space.spline, space.tets
-    outer, inner = conductivity
-    matrix = space.together(outer * stiffness(spline), inner * stiffness(tets), inner)
+    matrix = space.conduction(*conductivity)
     more = max(max(g.degrees) for g in spline.shell.surface.groups) + 2
     right = space.loaded(load(spline, source, more), load(tets, source, tets.degree + 3))
     fixed, given = boundary_projection(spline, boundary)

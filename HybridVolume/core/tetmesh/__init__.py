@@ -3,7 +3,7 @@
 """Tetrahedra: one door to the meshers, each of which runs in a process of its own."""
 
 from .door import CONFORMING, available_engines, enclosed_volume, fill, free_only
-from .improve import improve, tet_quality
+from .improve import improve
 from .mesh import TetMesh
 
 __all__ = [
@@ -14,5 +14,4 @@ __all__ = [
     "fill",
     "free_only",
     "improve",
-    "tet_quality",
 ]

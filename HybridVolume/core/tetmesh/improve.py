@@ -15,6 +15,7 @@ from itertools import combinations
 
 import numpy as np
 
+from ..element_jacobians import tet_quality
 from .mesh import EDGES, FACES, TetMesh, row_keys
 
 GOOD = 0.1
@@ -62,23 +63,6 @@ def improve(mesh: TetMesh, good: float = GOOD) -> TetMesh:
         if not swapped and not moved:
             break
     return TetMesh(vertices, tets, mesh.engine, mesh.exact)
-
-
-def tet_quality(corners: np.ndarray) -> np.ndarray:
-    """Scaled Jacobian of straight tetrahedra (..., 4, 3): 1 of the regular one, 0 of flat ones."""
-    x = [corners[..., k, :] for k in range(4)]
-    a, b, c = x[1] - x[0], x[2] - x[0], x[3] - x[0]
-    det = (
-        a[..., 0] * (b[..., 1] * c[..., 2] - b[..., 2] * c[..., 1])
-        - a[..., 1] * (b[..., 0] * c[..., 2] - b[..., 2] * c[..., 0])
-        + a[..., 2] * (b[..., 0] * c[..., 1] - b[..., 1] * c[..., 0])
-    )
-    ab, ac, bc = b - a, c - a, c - b
-    la, lb, lc, lab, lac, lbc = (np.einsum("...i,...i->...", v, v) for v in (a, b, c, ab, ac, bc))
-    size = np.maximum(
-        np.maximum(la * lb * lc, la * lab * lac), np.maximum(lb * lab * lbc, lc * lac * lbc)
-    )
-    return np.sqrt(2.0) * det / np.sqrt(np.maximum(size, np.finfo(float).tiny))
 
 
 @dataclass(frozen=True, eq=False)
