@@ -14,13 +14,13 @@ import numpy as np
 from PySide import QtCore
 
 from .coin_nodes import Lines, separator, switch, turn
-from .view_providers import ViewProvider
+from .view_providers import LazyView
 
 CAGE_COLOUR = (0.98, 0.68, 0.16)
 CREASE_COLOUR = (0.86, 0.10, 0.08)
 
 
-class MeshBodyView(ViewProvider):
+class MeshBodyView(LazyView):
     """A body from a mesh. What is drawn of the mesh follows the object's properties.
 
     Attributes
@@ -50,46 +50,36 @@ class MeshBodyView(ViewProvider):
         self.cage = switch(separator(self._edges.node, self._creases.node), on=False)
         # below the placement of the body, beside what its display mode shows
         view.RootNode.addChild(self.cage)
-        self._outdated = True
-        self._waiting = False
         self._told = ""
-        self._draw_soon(view.Object)
+        self.draw_soon(view.Object)
 
     def updateData(self, obj: Any, name: str) -> None:
         """Draw another mesh or other creases; tell why there is no surface."""
         if name in self.SHOWN:
-            self._outdated = True
-            self._draw_soon(obj)
+            self.outdate(obj)
         elif name == "Status":
             self._tell(obj)
 
     def onChanged(self, view: Any, name: str) -> None:
         """Show or hide the lines."""
         if name in ("Visibility", "ShowCage") and hasattr(self, "cage"):
-            self._draw_soon(view.Object)
+            self.draw_soon(view.Object)
 
-    def _draw_soon(self, obj: Any) -> None:
-        if not self._waiting:
-            self._waiting = True
-            # Later: properties change one after another, and files are restored last.
-            QtCore.QTimer.singleShot(0, lambda: self._draw_if_seen(obj))
+    def seen(self, obj: Any) -> bool:
+        """Whether the lines are wanted, and there are any."""
+        view = obj.ViewObject
+        return view.Visibility and getattr(view, "ShowCage", True) and bool(obj.Cage)
 
-    def _draw_if_seen(self, obj: Any) -> None:
-        self._waiting = False
-        try:
-            view = obj.ViewObject
-            seen = view.Visibility and getattr(view, "ShowCage", True) and bool(obj.Cage)
-        except (ReferenceError, RuntimeError):  # deleted meanwhile
-            return
-        if seen and self._outdated:
-            self._draw(obj)
+    def _draw_if_seen(self, obj: Any) -> bool:
+        seen = super()._draw_if_seen(obj)
         turn(self.cage, seen)
+        return seen
 
-    def _draw(self, obj: Any) -> None:
+    def draw(self, obj: Any) -> None:
+        """Draw the mesh and its creases."""
         from HybridVolume.errors import HybridVolumeError
         from HybridVolume.objects.mesh_body import creases_of, stored_mesh
 
-        self._outdated = False
         points, ends, creases = np.zeros((0, 3)), np.zeros((0, 2), int), np.zeros((0, 2), int)
         try:
             mesh = stored_mesh(obj)

@@ -48,6 +48,70 @@ class ViewProvider:
         return None
 
 
+class LazyView(ViewProvider):
+    """Base of views that are drawn later, and only when they are seen."""
+
+    def attach(self, view: Any) -> None:
+        """Take over a view object; what it shows is drawn when it is to be seen."""
+        super().attach(view)
+        self._outdated = True
+        self._waiting = False
+
+    def seen(self, obj: Any) -> bool:
+        """Whether the object is to be seen now."""
+        return bool(obj.ViewObject.Visibility)
+
+    def draw(self, obj: Any) -> None:
+        """Draw what the properties say now."""
+        raise NotImplementedError
+
+    def outdate(self, obj: Any) -> None:
+        """Draw anew when it is seen: what it shows is another one."""
+        self._outdated = True
+        self.draw_soon(obj)
+
+    def draw_soon(self, obj: Any) -> None:
+        """Draw once for all changes that come together.
+
+        Later: a transaction, an Undo and the opening of a document change one thing after another,
+        and links and files are restored last.
+        """
+        if not self._waiting:
+            self._waiting = True
+            QtCore.QTimer.singleShot(0, lambda: self._draw_if_seen(obj))
+
+    def _draw_if_seen(self, obj: Any) -> bool:
+        """Draw what is outdated and seen; return whether it is seen."""
+        self._waiting = False
+        try:
+            seen = self.seen(obj)
+        except (ReferenceError, RuntimeError):  # deleted meanwhile
+            return False
+        if seen and self._outdated:
+            self._outdated = False
+            self.draw(obj)
+        return seen
+
+
+class SceneView(LazyView):
+    """Base of views with a scene of their own, which is their one display mode."""
+
+    MODE = ""
+    """Name of the display mode."""
+
+    def getDisplayModes(self, view: Any) -> list[str]:
+        """Return the one display mode."""
+        return [self.MODE]
+
+    def getDefaultDisplayMode(self) -> str:
+        """Return the one display mode."""
+        return self.MODE
+
+    def setDisplayMode(self, mode: str) -> str:
+        """Return the mode as it is."""
+        return mode
+
+
 class VolumeView(ViewProvider):
     """The hybrid volume: holds its parts in the tree, opens its panel when double-clicked."""
 
@@ -183,7 +247,7 @@ class CoreView(PartView):
     COLOUR = (0.86, 0.87, 0.84)
 
 
-class MidstructureView(ViewProvider):
+class MidstructureView(SceneView):
     """The midstructure: its sheets are sub-elements ``Sheet1``, ``Sheet2``, ...
 
     What is drawn is a function of the object's properties, and follows them through Undo.
@@ -194,6 +258,7 @@ class MidstructureView(ViewProvider):
     """
 
     ICON = "HybridVolume_Midstructure"
+    MODE = "Sheets"
     SHOWN = ("Facets", "Decisions", "Angle", "MinimumSize", "Kept")
     """Properties that the drawing depends on."""
 
@@ -204,21 +269,18 @@ class MidstructureView(ViewProvider):
 
         super().attach(view)
         self.scene = SheetsScene()
-        self._outdated = True
-        self._waiting = False
-        view.addDisplayMode(self.scene.root, "Sheets")
+        view.addDisplayMode(self.scene.root, self.MODE)
         picking.colour_what_is_picked()
 
     def updateData(self, obj: Any, name: str) -> None:
         """Draw anew after a change, once for all properties that change together."""
         if name in self.SHOWN:
-            self._outdated = True
-            self._draw_soon(obj)
+            self.outdate(obj)
 
     def onChanged(self, view: Any, name: str) -> None:
         """Draw what was not needed before."""
         if name == "Visibility" and view.Visibility and hasattr(self, "scene"):
-            self._draw_soon(view.Object)
+            self.draw_soon(view.Object)
 
     def draw(self, obj: Any) -> None:
         """Draw what the properties say now."""
@@ -236,20 +298,9 @@ class MidstructureView(ViewProvider):
         """
         self.scene.show(midstructure)
 
-    def _draw_soon(self, obj: Any) -> None:
-        if not self._waiting:
-            self._waiting = True
-            # Later: a transaction, an Undo and the opening of a document change one after another.
-            QtCore.QTimer.singleShot(0, lambda: self._draw_if_seen(obj))
-
-    def _draw_if_seen(self, obj: Any) -> None:
-        self._waiting = False
-        try:
-            seen = obj.ViewObject.SwitchNode.whichChild.getValue() != -1
-        except (ReferenceError, RuntimeError):  # deleted meanwhile
-            return
-        if seen and self._outdated:
-            self.draw(obj)
+    def seen(self, obj: Any) -> bool:
+        """Whether FreeCAD shows the sheets, itself or as part of a group."""
+        return obj.ViewObject.SwitchNode.whichChild.getValue() != -1
 
     def getElementPicked(self, point: Any) -> str:
         """Return the name of the sheet below the mouse."""
@@ -282,20 +333,8 @@ class MidstructureView(ViewProvider):
             QtCore.QTimer.singleShot(0, lambda: picking.remove_sheets(obj, sheets))
         return not sheets
 
-    def getDisplayModes(self, view: Any) -> list[str]:
-        """Return the one display mode."""
-        return ["Sheets"]
 
-    def getDefaultDisplayMode(self) -> str:
-        """Return the one display mode."""
-        return "Sheets"
-
-    def setDisplayMode(self, mode: str) -> str:
-        """Return the mode as it is."""
-        return mode
-
-
-class InnerBoundaryView(ViewProvider):
+class InnerBoundaryView(SceneView):
     """The inner boundary, coloured by what was reached; drawn from the volume's stored result.
 
     Attributes
@@ -304,6 +343,7 @@ class InnerBoundaryView(ViewProvider):
     """
 
     ICON = "HybridVolume_InnerBoundary"
+    MODE = "Surface"
     COLOURINGS = {
         "Reached / asked": "share",
         "Level": "level",
@@ -332,14 +372,7 @@ class InnerBoundaryView(ViewProvider):
 
         super().attach(view)
         self.scene = InnerScene()
-        self._outdated = True
-        self._waiting = False
-        view.addDisplayMode(self.scene.root, "Surface")
-
-    def outdate(self, obj: Any) -> None:
-        """Draw anew when it is seen: the result is another one."""
-        self._outdated = True
-        self._draw_soon(obj)
+        view.addDisplayMode(self.scene.root, self.MODE)
 
     def onChanged(self, view: Any, name: str) -> None:
         """Take another colouring, or draw what was not needed before."""
@@ -348,28 +381,14 @@ class InnerBoundaryView(ViewProvider):
         if name in ("ColourBy", "Legend"):
             self._outdated = True
         if name in ("ColourBy", "Legend", "Visibility"):
-            self._draw_soon(view.Object)
+            self.draw_soon(view.Object)
 
-    def _draw_soon(self, obj: Any) -> None:
-        if not self._waiting:
-            self._waiting = True
-            # Later: while a document is opened, the volume's link and its file come last.
-            QtCore.QTimer.singleShot(0, lambda: self._draw_if_seen(obj))
-
-    def _draw_if_seen(self, obj: Any) -> None:
+    def draw(self, obj: Any) -> None:
+        """Draw the volume's stored result."""
         from HybridVolume.errors import HybridVolumeError
         from HybridVolume.objects.inner import stored_volume, volume_of
 
-        self._waiting = False
-        try:
-            view = obj.ViewObject
-            seen = view.Visibility
-            volume = volume_of(obj)
-        except (ReferenceError, RuntimeError):  # deleted meanwhile
-            return
-        if not (seen and self._outdated):
-            return
-        self._outdated = False
+        view, volume = obj.ViewObject, volume_of(obj)
         try:
             found = stored_volume(volume) if volume is not None and volume.Result else None
         except HybridVolumeError as error:
@@ -387,18 +406,6 @@ class InnerBoundaryView(ViewProvider):
         if volume is not None and not FreeCADGui.Control.activeDialog():
             commands.open_quality_soon(volume, inner=True)
         return True
-
-    def getDisplayModes(self, view: Any) -> list[str]:
-        """Return the one display mode."""
-        return ["Surface"]
-
-    def getDefaultDisplayMode(self) -> str:
-        """Return the one display mode."""
-        return "Surface"
-
-    def setDisplayMode(self, mode: str) -> str:
-        """Return the mode as it is."""
-        return mode
 
 
 def attach(obj: Any) -> None:
