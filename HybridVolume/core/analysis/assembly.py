@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from scipy import sparse
 
-from .spline_space import Samples
+from .samples import Samples
 
 
 class Space(Protocol):
@@ -19,6 +19,10 @@ class Space(Protocol):
     @property
     def size(self) -> int:
         """Number of unknowns."""
+
+    @property
+    def dimension(self) -> int:
+        """2 in the plane, 3 in space."""
 
     def samples(self, points: int | None = None) -> Iterable[Samples]:
         """Functions at quadrature points, a block of elements at a time."""
@@ -37,9 +41,9 @@ def stiffness(space: Space, points: int | None = None) -> sparse.csr_matrix:
     """Integrals of products of two gradients, (size, size), mm."""
 
     def block(s: Samples) -> np.ndarray:
-        ne, nq, _, nl = s.gradients.shape
-        flat = s.gradients.reshape(ne, 3 * nq, nl)
-        weighted = (s.gradients * s.measure[..., None, None]).reshape(ne, 3 * nq, nl)
+        ne, nq, dim, nl = s.gradients.shape
+        flat = s.gradients.reshape(ne, dim * nq, nl)
+        weighted = (s.gradients * s.measure[..., None, None]).reshape(ne, dim * nq, nl)
         return np.swapaxes(flat, 1, 2) @ weighted
 
     return _summed(space, points, block)
@@ -48,9 +52,10 @@ def stiffness(space: Space, points: int | None = None) -> sparse.csr_matrix:
 def elastic(
     space: Space, lame: float, shear: float, points: int | None = None
 ) -> sparse.csr_matrix:
-    """Stiffness of an isotropic linear material, (3 size, 3 size), N/mm.
+    """Stiffness of an isotropic linear material, (d size, d size), N/mm.
 
-    Unknowns are the x components, then the y and the z components.
+    Unknowns are the x components, then the y (and the z) components. In the plane (d = 2) the
+    strain is plane, and the figures are those of a slice of 1 mm.
 
     Parameters
     ----------
@@ -60,14 +65,15 @@ def elastic(
     points : int, optional
         Gauss points a direction.
     """
-    pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)]
+    dim = space.dimension
+    pairs = [(c, d) for c in range(dim) for d in range(c, dim)]
 
     def block(s: Samples) -> list[np.ndarray]:
         parts = np.moveaxis(s.gradients, 2, 0)
         weighted = parts * s.measure[..., None]
         # products of the derivatives along c and d, each once
         found = {(c, d): np.swapaxes(parts[c], 1, 2) @ weighted[d] for c, d in pairs}
-        trace = shear * sum(found[c, c] for c in range(3))
+        trace = shear * sum(found[c, c] for c in range(dim))
         return [
             (lame + shear) * found[c, c] + trace
             if c == d
@@ -77,7 +83,7 @@ def elastic(
 
     blocks = dict(zip(pairs, _all_summed(space, points, block, len(pairs)), strict=True))
     return sparse.bmat(
-        [[blocks[c, d] if c <= d else blocks[d, c].T for d in range(3)] for c in range(3)],
+        [[blocks[c, d] if c <= d else blocks[d, c].T for d in range(dim)] for c in range(dim)],
         format="csr",
     )
 
@@ -89,13 +95,13 @@ def load(space: Space, source: Callable, points: int | None = None) -> np.ndarra
     ----------
     space : Space
     source : callable
-        Takes (m, 3) points, mm, and returns (m,) values.
+        Takes (m, d) points, mm, and returns (m,) values.
     points : int, optional
         Gauss points a direction.
     """
     total = np.zeros(space.size)
     for s in space.samples(points):
-        value = source(s.points.reshape(-1, 3)).reshape(s.measure.shape) * s.measure
+        value = source(s.points.reshape(-1, s.dimension)).reshape(s.measure.shape) * s.measure
         part = np.einsum("eq,eqi->ei", value, s.values)
         total += np.bincount(s.unknowns.ravel(), part.ravel(), space.size)
     return total
@@ -115,13 +121,13 @@ def errors(
     space : Space
     coefficients : (size,) array
     exact, slope : callables
-        Take (m, 3) points and return (m,) values and (m, 3) gradients.
+        Take (m, d) points and return (m,) values and (m, d) gradients.
     points : int, optional
     """
     found = np.zeros(2)
     for s in space.samples(points):
         inside = coefficients[s.unknowns]
-        x = s.points.reshape(-1, 3)
+        x = s.points.reshape(-1, s.dimension)
         value = np.einsum("eqi,ei->eq", s.values, inside) - exact(x).reshape(s.measure.shape)
         gradient = np.einsum("eqci,ei->eqc", s.gradients, inside)
         gradient -= slope(x).reshape(gradient.shape)

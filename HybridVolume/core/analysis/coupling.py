@@ -23,8 +23,9 @@ from scipy import sparse
 
 from ..recovery import Material
 from .assembly import elastic, stiffness
+from .samples import FaceSamples
+from .simplex_space import SimplexSpace
 from .spline_space import SplineSpace
-from .tet_space import FaceSamples, TetSpace
 
 
 @dataclass(frozen=True)
@@ -36,11 +37,12 @@ class CollocationSpace:
     Attributes
     ----------
     spline : SplineSpace
-    tets : TetSpace
+    tets : SimplexSpace
+        Of the same dimension d: tets in space, triangles in the plane.
     """
 
     spline: SplineSpace
-    tets: TetSpace
+    tets: SimplexSpace
 
     @cached_property
     def free_nodes(self) -> np.ndarray:
@@ -48,6 +50,11 @@ class CollocationSpace:
         free = np.ones(self.tets.size, dtype=bool)
         free[self.tets.interface] = False
         return np.flatnonzero(free)
+
+    @property
+    def dimension(self) -> int:
+        """2 in the plane, 3 in space."""
+        return self.tets.dimension
 
     @property
     def size(self) -> int:
@@ -84,14 +91,14 @@ class CollocationSpace:
         return (self.constraint.T @ both @ self.constraint).tocsr()
 
     def elasticity(self, outer: Material, inner: Material) -> sparse.csr_matrix:
-        """Stiffness of three components, (3 size, 3 size), as :func:`.assembly.elastic` has them.
+        """Stiffness of all components, (d size, d size), as :func:`.assembly.elastic` has them.
 
         Parameters
         ----------
         outer, inner : Material
             Of shell and core.
         """
-        constraint = sparse.kron(sparse.identity(3), self.constraint, format="csr")
+        constraint = sparse.kron(sparse.identity(self.dimension), self.constraint, format="csr")
         both = _elastic_apart(self.spline, self.tets, outer, inner)
         return (constraint.T @ both @ constraint).tocsr()
 
@@ -114,11 +121,17 @@ class NitscheSpace:
     Attributes
     ----------
     spline : SplineSpace
-    tets : TetSpace
+    tets : SimplexSpace
+        Of the same dimension d: tets in space, triangles in the plane.
     """
 
     spline: SplineSpace
-    tets: TetSpace
+    tets: SimplexSpace
+
+    @property
+    def dimension(self) -> int:
+        """2 in the plane, 3 in space."""
+        return self.tets.dimension
 
     @property
     def size(self) -> int:
@@ -160,7 +173,7 @@ class NitscheSpace:
         return (both - flux - flux.T + self._penalty(inner)).tocsr()
 
     def elasticity(self, outer: Material, inner: Material) -> sparse.csr_matrix:
-        """Stiffness of three components with the terms of the interface, (3 size, 3 size).
+        """Stiffness of all components with the terms of the interface, (d size, d size).
 
         Parameters
         ----------
@@ -172,6 +185,7 @@ class NitscheSpace:
         slope = self._of_core(faces.slopes)
         normal = [sparse.diags(n) for n in faces.normal.T]
         tested = self._jump.T @ sparse.diags(faces.measure)
+        dims = range(self.dimension)
         blocks = [
             [
                 # the traction's component a of the displacement's component b
@@ -181,12 +195,13 @@ class NitscheSpace:
                     + inner.shear * normal[b] @ gradients[a]
                     + inner.shear * (a == b) * slope
                 )
-                for b in range(3)
+                for b in dims
             ]
-            for a in range(3)
+            for a in dims
         ]
         flux = sparse.bmat(blocks, format="csr")
-        penalty = sparse.kron(sparse.identity(3), self._penalty(inner.lame + 2.0 * inner.shear))
+        stiff = self._penalty(inner.lame + 2.0 * inner.shear)
+        penalty = sparse.kron(sparse.identity(self.dimension), stiff)
         both = _elastic_apart(self.spline, self.tets, outer, inner)
         return (both - flux - flux.T + penalty).tocsr()
 
@@ -205,9 +220,9 @@ def _apart(shell: sparse.spmatrix, core: sparse.spmatrix) -> sparse.csr_matrix:
 
 
 def _elastic_apart(
-    spline: SplineSpace, tets: TetSpace, outer: Material, inner: Material
+    spline: SplineSpace, tets: SimplexSpace, outer: Material, inner: Material
 ) -> sparse.csr_matrix:
-    """Elastic stiffness of both spaces, components first: x of shell and core, then y, then z."""
+    """Elastic stiffness of both spaces, components first: x of shell and core, then y (then z)."""
     n, m = spline.size, tets.size
     shell = elastic(spline, outer.lame, outer.shear)
     core = elastic(tets, inner.lame, inner.shear)
@@ -218,9 +233,9 @@ def _elastic_apart(
                     shell[a * n : (a + 1) * n, b * n : (b + 1) * n],
                     core[a * m : (a + 1) * m, b * m : (b + 1) * m],
                 )
-                for b in range(3)
+                for b in range(tets.dimension)
             ]
-            for a in range(3)
+            for a in range(tets.dimension)
         ],
         format="csr",
     )

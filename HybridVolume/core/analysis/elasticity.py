@@ -24,7 +24,7 @@ class Displacement:
     Attributes
     ----------
     space : CollocationSpace or NitscheSpace
-    values : (size, 3) array
+    values : (size, d) array
         Coefficients of the coupled unknowns, mm.
     energy : float
         Strain energy, with the terms of the interface, mJ.
@@ -40,14 +40,14 @@ class Displacement:
         Parameters
         ----------
         exact, slope : callables
-            Take (m, 3) points, mm; return (m, 3) displacements and (m, 3, 3) gradients, of which
+            Take (m, d) points, mm; return (m, d) displacements and (m, d, d) gradients, of which
             ``[:, c, d]`` is the derivative of component c along d.
         """
         shell, core = self.space.parts(self.values)
         spline, tets = self.space.spline, self.space.tets
-        more = max(max(g.degrees) for g in spline.shell.surface.groups) + 3
+        more = spline.degree + 3
         found = np.zeros(2)
-        for c in range(3):
+        for c in range(self.space.dimension):
             field = (lambda x, c=c: exact(x)[:, c]), (lambda x, c=c: slope(x)[:, c])
             found += errors(spline, shell[:, c], *field, more)
             found += errors(tets, core[:, c], *field, tets.degree + 4)
@@ -70,12 +70,12 @@ def solve_elasticity(
     materials : Material or (Material, Material)
         Of the whole body, or of shell and core.
     fixed : mapping of str to callable
-        CAD faces with given displacements: take (m, 3) points, mm, and return (m, 3), mm; a
+        CAD faces with given displacements: take (m, d) points, mm, and return (m, d), mm; a
         component that is nan stays free.
     tractions : mapping of str to callable, optional
         CAD faces with tractions, as for :func:`.boundary.boundary_load`, MPa.
     body_force : callable, optional
-        Takes (m, 3) points and returns (m, 3) forces, N/mm³.
+        Takes (m, d) points and returns (m, d) forces, N/mm³.
 
     Raises
     ------
@@ -89,13 +89,13 @@ def solve_elasticity(
     shell, core = (materials, materials) if isinstance(materials, Material) else materials
     spline, tets = space.spline, space.tets
     matrix = space.elasticity(shell, core)
-    outside = np.zeros((spline.size, 3))
+    outside = np.zeros((spline.size, space.dimension))
     for face, traction in (tractions or {}).items():
         outside += boundary_load(spline, traction, [face])
-    inside = np.zeros((tets.size, 3))
+    inside = np.zeros((tets.size, space.dimension))
     if body_force is not None:
-        more = max(max(g.degrees) for g in spline.shell.surface.groups) + 2
-        for c in range(3):
+        more = spline.degree + 2
+        for c in range(space.dimension):
             component = lambda x, c=c: body_force(x)[:, c]  # noqa: E731
             outside[:, c] += load(spline, component, more)
             inside[:, c] = load(tets, component, tets.degree + 3)
@@ -103,7 +103,7 @@ def solve_elasticity(
     numbers, values = _given(space, fixed)
     found = solve_fixed(matrix, right, numbers, values)
     energy = 0.5 * float(found @ (matrix @ found))
-    return Displacement(space, found.reshape(3, -1).T, energy)
+    return Displacement(space, found.reshape(space.dimension, -1).T, energy)
 
 
 def _given(
@@ -116,7 +116,7 @@ def _given(
     known: dict[int, float] = {}
     for function, faces in alike.items():
         unknowns, found = boundary_projection(space.spline, function, faces)
-        for c in range(3):
+        for c in range(space.dimension):
             held = ~np.isnan(found[:, c])
             known |= dict(
                 zip((unknowns[held] + c * space.size).tolist(), found[held, c], strict=True)

@@ -9,48 +9,25 @@ and W = sum w N, so that rigid motions and constant strains are in the space (is
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy import sparse
 
+from ...errors import InputError
 from .. import bspline
 from ..bezier import bernstein
 from ..elements import gauss_line
 from ..shell import Shell
 from ..spans import ElementGroup
+from .samples import BoundarySamples, Samples
 
 _BLOCK = 2_000_000
 """Values of basis functions that are held at once, which bounds the memory."""
-
-
-@dataclass(frozen=True)
-class Samples:
-    """Functions of a space at quadrature points of some elements.
-
-    Attributes
-    ----------
-    element : (ne,) int array
-        Numbers of the elements, as in `Shell.element_patch` for a space over the shell's layers.
-    unknowns : (ne, nl) int array
-        Unknowns whose functions do not vanish there.
-    points : (ne, nq, 3) array
-        mm
-    values : (ne, nq, nl) array
-    gradients : (ne, nq, 3, nl) array
-        1/mm
-    measure : (ne, nq) array
-        det J times the weight of the quadrature, mm³.
-    """
-
-    element: np.ndarray
-    unknowns: np.ndarray
-    points: np.ndarray
-    values: np.ndarray
-    gradients: np.ndarray
-    measure: np.ndarray
+_PLACES = 100_000
+"""Places on the boundary that are worked on at once, likewise."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +64,21 @@ class SplineSpace:
         points[0] *= weights[:, None]
         matrix = bspline.insertion_matrix(self.shell.degree_w, self.shell.knots_w, self.knots_w)
         return np.tensordot(matrix, points, 1)
+
+    @property
+    def dimension(self) -> int:
+        """3: a shell bounds a body in space."""
+        return 3
+
+    @cached_property
+    def degree(self) -> int:
+        """Highest degree of the surface's patches."""
+        return max(max(group.degrees) for group in self.shell.surface.groups)
+
+    @cached_property
+    def face_names(self) -> tuple[str, ...]:
+        """CAD faces, each once, in the order of their patches."""
+        return tuple(dict.fromkeys(patch.face for patch in self.shell.surface.patches))
 
     @property
     def columns(self) -> int:
@@ -210,6 +202,60 @@ class SplineSpace:
         rows = np.broadcast_to(row[:, None], columns.shape)
         data = values.ravel(), (rows.ravel(), columns.ravel())
         return sparse.csr_matrix(data, shape=(len(w), self.size))
+
+    def boundary_samples(
+        self, faces: Sequence[str] | None = None, points: int | None = None
+    ) -> Iterator[BoundarySamples]:
+        """Quadrature points on CAD faces, a block at a time.
+
+        Parameters
+        ----------
+        faces : sequence of str, optional
+            All by default.
+        points : int, optional
+            Gauss points a direction; by default three more than the highest degree.
+
+        Raises
+        ------
+        InputError
+            There is no such face.
+        """
+        surface = self.shell.surface
+        chosen = np.ones(len(surface.patches), dtype=bool)
+        if faces is not None:
+            names = np.array([patch.face for patch in surface.patches])
+            check_faces(self.face_names, faces)
+            chosen = np.isin(names, list(faces))
+        elements = np.flatnonzero(chosen[surface.element_patch])
+        x, weight = gauss_line(points or self.degree + 3)
+        weights = np.outer(weight, weight).ravel()
+        for block in np.array_split(elements, 1 + len(elements) * len(weights) // _PLACES):
+            samples = surface.element_samples(x, x, block)
+            at, along_u, along_v = samples.surface(surface.control_points)
+            normal = np.cross(along_u, along_v)
+            area = np.linalg.norm(normal, axis=1)
+            yield BoundarySamples(
+                at,
+                normal / area[:, None],
+                sparse.diags(1.0 / samples.weight) @ samples.weighted,
+                area * np.tile(weights, len(block)),
+            )
+
+
+def check_faces(known: Sequence[str], faces: Sequence[str]) -> None:
+    """Refuse faces that a body does not have.
+
+    Raises
+    ------
+    InputError
+        There is no such face.
+    """
+    unknown = sorted(set(faces) - set(known))
+    if unknown:
+        raise InputError(
+            f"{', '.join(unknown)}: no such face",
+            remedy=f"the body has {len(known)} faces, such as {known[0]}",
+        )
 
 
 def _products(tables: list[np.ndarray]) -> np.ndarray:
