@@ -1,0 +1,360 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""Hybrid bodies in the plane: a ring of NURBS elements, triangles of degree 1 to 3 inside.
+
+The paper's section 4 in general: any closed NURBS boundary, any number of layers, any depth. The
+spaces are those of bodies in space (:mod:`.coupling`), and so are the problems on them; figures are
+those of a slice of 1 mm, the strain of elastic bodies is plane.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...errors import InputError
+from .. import bspline
+from ..elements import gauss_line
+from .coupling import CollocationSpace, NitscheSpace
+from .plane_curve import PlaneCurve
+from .plane_mesh import fill_polygon
+from .plane_ring import PlaneRing, TriangleRim, edge_places
+from .simplex_space import (
+    DEGREES,
+    SimplexSpace,
+    found_rows,
+    lattice,
+    lattice_keys,
+    shape_functions,
+)
+
+COUPLINGS = ("collocation", "nitsche")
+NODES = ("knots", "greville")
+
+
+def ring(
+    boundary: PlaneCurve,
+    depth: float,
+    layers: int = 1,
+    degree_w: int | None = None,
+    inner: np.ndarray | None = None,
+) -> PlaneRing:
+    """A ring of NURBS elements along a boundary.
+
+    Weights of the inner layers are 1, as in the paper's 3.2, and the layers are as thick as each
+    other.
+
+    Parameters
+    ----------
+    boundary : PlaneCurve
+    depth : float
+        Share of the way from the boundary to the middle of its area, in (0, 1).
+    layers : int
+        Elements through the ring.
+    degree_w : int, optional
+        Through the ring; the boundary's degree by default.
+    inner : (n, 2) array, optional
+        Control points of the inner curve, mm, one for each of the boundary's, in its place.
+
+    Raises
+    ------
+    InputError
+        The depth or the number of layers is none, or the ring is folded; its arcs are named.
+    """
+    degree_w = boundary.degree if degree_w is None else degree_w
+    if not 0.0 < depth < 1.0:
+        raise InputError(f"a ring of depth {depth:g}", remedy="give a depth between 0 and 1")
+    if layers < 1 or degree_w < 1:
+        raise InputError(
+            f"{layers} layers of degree {degree_w}", remedy="give at least one, of degree 1 or more"
+        )
+    outer = boundary.points[:, :2] / boundary.points[:, 2:]
+    if inner is None:
+        inner = outer + depth * (_middle(boundary) - outer)
+    elif np.shape(inner) != outer.shape:
+        raise InputError(f"{len(inner)} inner control points for {len(outer)} of the boundary")
+    knots_w = bspline.clamped_knots(degree_w, layers)
+    share = bspline.greville(degree_w, knots_w)[:, None, None]
+    net = np.concatenate(
+        [(1.0 - share) * outer + share * inner, np.ones((len(share), len(outer), 1))], 2
+    )
+    net[0] = boundary.points
+    made = PlaneRing(boundary, degree_w, knots_w, net)
+    folded = (made.jacobian_bounds <= 0.0).any(axis=1)
+    if folded.any():
+        patches = np.unique(boundary.spans.patch[folded])
+        raise InputError(
+            f"{folded.sum()} spans of the ring are folded at depth {depth:g}",
+            faces=[boundary.names[k] for k in patches],
+            figure=float(folded.sum()),
+            remedy="make the ring thinner, or give the inner control points",
+        )
+    return made
+
+
+def plane_space(
+    boundary: PlaneCurve,
+    depth: float,
+    layers: int = 1,
+    degree: int = 1,
+    coupling: str = "collocation",
+    *,
+    degree_w: int | None = None,
+    nodes: str = "knots",
+    size: float | None = None,
+    inner: np.ndarray | None = None,
+) -> CollocationSpace | NitscheSpace:
+    """A ring with triangles inside, coupled.
+
+    Parameters
+    ----------
+    boundary : PlaneCurve
+        Its spans are those of the ring; `PlaneCurve.refined` and `elevated` change them.
+    depth, layers, degree_w, inner
+        As for :func:`ring`.
+    degree : {1, 2, 3}
+        Of the triangles; 1 is the paper's.
+    coupling : {"collocation", "nitsche"}
+    nodes : {"knots", "greville"}
+        Where corners of triangles stand on the inner curve: at its knots, or at the node locations
+        t_l of its control points as in the paper.
+    size : float, optional
+        Longest edge of the triangles inside, mm; the longest edge on the inner curve by default.
+
+    Raises
+    ------
+    InputError
+        A word or a number is none of those, the ring or a triangle is folded.
+    """
+    if coupling not in COUPLINGS:
+        raise InputError(f"coupling {coupling!r}", remedy=f"choose {' or '.join(COUPLINGS)}")
+    if nodes not in NODES:
+        raise InputError(f"nodes at {nodes!r}", remedy=f"choose {' or '.join(NODES)}")
+    spline = ring(boundary, depth, layers, degree_w, inner)
+    curve = spline.inner_curve
+    places = curve.greville if nodes == "greville" else [breaks[:-1] for breaks in curve.breaks]
+    patch, ends = _edges(curve, places)
+    core = triangle_space(curve, patch, ends, degree, size)
+    return (CollocationSpace if coupling == "collocation" else NitscheSpace)(spline, core)
+
+
+def triangles_only(
+    boundary: PlaneCurve, size: float | None = None, degree: int = 1
+) -> CollocationSpace:
+    """The same kind of space without a ring: triangles up to the boundary.
+
+    Parameters
+    ----------
+    boundary : PlaneCurve
+    size : float, optional
+        Longest edge, mm: each arc is cut into edges of one length. By default corners stand at the
+        boundary's knots.
+    degree : {1, 2, 3}
+
+    Raises
+    ------
+    InputError
+        The degree is another, or a triangle is folded.
+    """
+    if size is None:
+        places = [breaks[:-1] for breaks in boundary.breaks]
+    else:
+        places = [_even(boundary, number, size) for number in range(len(boundary.knots))]
+    patch, ends = _edges(boundary, places)
+    core = triangle_space(boundary, patch, ends, degree, size)
+    return CollocationSpace(_rim(core, boundary), core)
+
+
+def triangle_space(
+    curve: PlaneCurve, patch: np.ndarray, ends: np.ndarray, degree: int, size: float | None = None
+) -> SimplexSpace:
+    """Triangles inside a closed curve, whose nodes on it stand on the curve itself.
+
+    Parameters
+    ----------
+    curve : PlaneCurve
+    patch : (t,) int array
+        Arcs of the edges on it, all around.
+    ends : (t, 2) array
+        Parameters of their ends; each begins where the last one ends.
+    degree : {1, 2, 3}
+    size : float, optional
+        Longest edge inside, mm.
+
+    Raises
+    ------
+    InputError
+        The degree is another, or a triangle is folded by the curve; its arcs are named.
+    """
+    if degree not in DEGREES:
+        raise InputError(f"triangles of degree {degree}", remedy="choose 1, 2 or 3")
+    vertices, triangles = fill_polygon(curve.evaluate(patch, ends[:, 0]), size)
+    keys = lattice_keys(triangles, degree)
+    flat, inverse = np.unique(keys.reshape(-1, degree), axis=0, return_inverse=True)
+    count = np.arange(len(patch))
+    around = np.column_stack([count, np.roll(count, -1)])
+    edge_keys = lattice_keys(around, degree)
+    faces = found_rows(flat, edge_keys.reshape(-1, degree)).reshape(edge_keys.shape[:2])
+    straight = vertices[flat].mean(axis=1)
+    elements = inverse.reshape(keys.shape[:2])
+    space = _on_curve(curve, degree, straight, elements, faces, patch, ends)
+    if degree == 3:
+        _centre(space.nodes, straight, elements)
+    return _checked(space, curve)
+
+
+def refined(space: CollocationSpace | NitscheSpace) -> CollocationSpace | NitscheSpace:
+    """All spans of the ring halved both ways, every triangle cut in four; the body is the same.
+
+    Triangles are cut in their own curved coordinates; new nodes on the interface stand on the inner
+    curve.
+
+    Raises
+    ------
+    InputError
+        A triangle is folded.
+    """
+    old, k = space.tets, space.tets.degree
+    parent = lattice(2, 2 * k)
+    keys = lattice_keys(old.elements[:, :3], 2 * k)
+    flat, first, inverse = np.unique(
+        keys.reshape(-1, 2 * k), axis=0, return_index=True, return_inverse=True
+    )
+    inside, _ = shape_functions(k, parent[:, 1:] / (2 * k))
+    nodes = (inside @ old.nodes[old.elements]).reshape(-1, 2)[first]
+    whole = inverse.reshape(keys.shape[:2])
+    elements = np.concatenate([whole[:, child] for child in _children(2, k)])
+    edge_keys = lattice_keys(old.faces[:, :2], 2 * k)
+    fine = found_rows(flat, edge_keys.reshape(-1, 2 * k)).reshape(edge_keys.shape[:2])
+    faces = np.concatenate([fine[:, child] for child in _children(1, k)])
+    ends = old.face_uv[..., 0]
+    middle = ends.mean(axis=1)
+    halves = np.concatenate(
+        [np.column_stack([ends[:, 0], middle]), np.column_stack([middle, ends[:, 1]])]
+    )
+    patch = np.tile(old.face_patch, 2)
+    if isinstance(space.spline, TriangleRim):
+        curve = space.spline.curve
+        core = _checked(_on_curve(curve, k, nodes, elements, faces, patch, halves), curve)
+        return CollocationSpace(_rim(core, curve), core)
+    spline = space.spline.refined()
+    curve = spline.inner_curve
+    core = _on_curve(curve, k, nodes, elements, faces, patch, halves)
+    return type(space)(spline, _checked(core, curve))
+
+
+def _children(dimension: int, degree: int) -> np.ndarray:
+    """Places of the children's nodes in the lattice of twice the degree, (2^d, n)."""
+    fine = {tuple(c): k for k, c in enumerate(lattice(dimension, 2 * degree).tolist())}
+    corners = 2 * np.eye(dimension + 1, dtype=int)
+    middles = (corners[:, None] + corners) // 2
+    made = [[middles[k, j] for j in range(dimension + 1)] for k in range(dimension + 1)]
+    if dimension == 2:
+        made.append([middles[0, 1], middles[1, 2], middles[2, 0]])
+    counts = lattice(dimension, degree) @ np.array(made)
+    return np.array([[fine[tuple(c)] for c in child] for child in counts.tolist()])
+
+
+def _on_curve(
+    curve: PlaneCurve,
+    degree: int,
+    nodes: np.ndarray,
+    elements: np.ndarray,
+    faces: np.ndarray,
+    patch: np.ndarray,
+    ends: np.ndarray,
+) -> SimplexSpace:
+    """Triangles whose nodes on the edges ``faces`` are moved onto the curve."""
+    on, first = np.unique(faces, return_index=True)
+    edge = first // faces.shape[1]
+    u = edge_places(degree, ends).ravel()[first]
+    nodes = nodes.copy()
+    nodes[on] = curve.evaluate(patch[edge], u)
+    return SimplexSpace(
+        degree,
+        nodes,
+        elements,
+        on,
+        patch[edge],
+        u[:, None],
+        np.ones(len(on)),
+        faces,
+        patch,
+        ends[..., None],
+        np.ones(ends.shape),
+    )
+
+
+def _centre(nodes: np.ndarray, straight: np.ndarray, elements: np.ndarray) -> None:
+    """Move the middles of cubic triangles with their edges, so that quadratic maps are kept."""
+    moved = (nodes - straight)[elements]
+    counts = lattice(2, 3)
+    (inside,) = np.flatnonzero(counts.min(axis=1) == 1)
+    edges = np.flatnonzero((counts.min(axis=1) == 0) & (counts.max(axis=1) == 2))
+    nodes[elements[:, inside]] += 0.25 * moved[:, edges].sum(axis=1)
+
+
+def _checked(space: SimplexSpace, curve: PlaneCurve) -> SimplexSpace:
+    """The same triangles, if none is folded."""
+    folded = np.flatnonzero(space.jacobian_bounds <= 0.0)
+    if len(folded):
+        near = np.isin(space.faces[:, :2], space.elements[folded]).any(axis=1)
+        patches = np.unique(space.face_patch[near])
+        raise InputError(
+            f"{len(folded)} triangles of degree {space.degree} are folded by the curve",
+            faces=[curve.names[k] for k in patches],
+            figure=float(len(folded)),
+            remedy="refine the boundary, or choose linear triangles",
+        )
+    return space
+
+
+def _rim(core: SimplexSpace, boundary: PlaneCurve) -> TriangleRim:
+    """The rim of triangles that reach up to the boundary."""
+    return TriangleRim(
+        core.degree,
+        core.nodes[core.interface],
+        np.searchsorted(core.interface, core.faces),
+        core.face_patch,
+        core.face_uv[..., 0],
+        boundary,
+    )
+
+
+def _edges(curve: PlaneCurve, places: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Arcs and parameters of edges between places of all arcs, each of which starts its edge."""
+    patch = np.repeat(np.arange(len(places)), [len(place) for place in places])
+    ends = []
+    for place in places:
+        # an arc ends at 1; a smooth curve where its first edge begins, one turn later
+        last = place[0] + 1.0 if curve.smooth else 1.0
+        ends.append(np.column_stack([place, np.append(place[1:], last)]))
+    return patch, np.concatenate(ends)
+
+
+def _even(curve: PlaneCurve, number: int, size: float) -> np.ndarray:
+    """Parameters that cut an arc into edges of one length, without its end."""
+    x, weight = gauss_line(8)
+    breaks = curve.breaks[number]
+    fine = np.unique(np.concatenate([breaks, np.linspace(0.0, 1.0, 65)]))
+    step = np.diff(fine)
+    u = (fine[:-1, None] + step[:, None] * x).ravel()
+    speed = np.linalg.norm(curve.tangents(np.full(len(u), number), u), axis=1)
+    length = np.concatenate([[0.0], np.cumsum(speed.reshape(-1, len(x)) @ weight * step)])
+    count = max(int(np.ceil(length[-1] / size - 1e-9)), 3 if len(curve.knots) == 1 else 1)
+    return np.interp(length[-1] * np.arange(count) / count, length, fine)
+
+
+def _middle(curve: PlaneCurve) -> np.ndarray:
+    """Centroid of the area that a curve encloses, mm."""
+    spans = curve.spans
+    x, weight = gauss_line(2 * curve.degree + 6)
+    length = np.diff(spans.ends, axis=1)
+    u = (spans.ends[:, :1] + length * x).ravel()
+    patch = np.repeat(spans.patch, len(x))
+    at, along = curve.evaluate(patch, u), curve.tangents(patch, u)
+    origin = at.mean(axis=0)
+    at = at - origin
+    turned = (at[:, 0] * along[:, 1] - at[:, 1] * along[:, 0]) * (length * weight).ravel()
+    return origin + (at * turned[:, None]).sum(axis=0) / (1.5 * turned.sum())
