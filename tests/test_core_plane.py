@@ -189,3 +189,20 @@ def test_what_cannot_be_is_refused():
 def _sides():
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     return list(np.stack([corners, np.roll(corners, -1, axis=0)], axis=1))
+
+
+def test_gradients_at_places():
+    ring = plane_space(heart().refined(3), 0.3, 2).spline
+    random = np.random.default_rng(5)
+    patch, u, w = random.integers(2, size=50), random.random((50, 1)), random.random(50)
+    gradients = np.stack([part @ ring.control_points for part in ring.gradients_at(patch, u, w)], 1)
+    assert np.abs(gradients - np.eye(2)).max() < 1e-12
+    field = np.cos(np.arange(ring.size))
+    step = 1e-6
+    for k, move in enumerate(([step, 0.0], [0.0, step])):
+        ends = [(ring.basis_at(patch, u + s * move[0], w + s * move[1])) for s in (-1.0, 1.0)]
+        along = (ends[1] - ends[0]) @ np.column_stack([ring.control_points, field])
+        slope = sum(
+            (part @ field) * along[:, c] for c, part in enumerate(ring.gradients_at(patch, u, w))
+        )
+        assert np.abs(along[:, 2] - slope).max() < 1e-8, k

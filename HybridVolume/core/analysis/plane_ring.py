@@ -174,17 +174,66 @@ class PlaneRing:
         w : (m,) array
             0 on the outer boundary, 1 on the inner one.
         """
-        along = self.curve.basis(patch, np.reshape(uv, len(w)))
-        first, across = bspline.basis_functions(self.degree_w, self.knots_w, w)
-        row = np.repeat(np.arange(len(w)), np.diff(along.indptr))
-        layers = first[row][:, None] + np.arange(self.degree_w + 1)
-        unknowns = layers * self.columns + along.indices[:, None]
-        heavy = self.homogeneous.reshape(-1, 3)[unknowns, 2]
-        values = along.data[:, None] * across[row] * heavy
-        values /= np.bincount(row, values.sum(axis=1), len(w))[row][:, None]
+        (values,), unknowns, row = self._at(patch, uv, w, ((0, 0),))
+        return self._matrix(values, unknowns, row, len(w))
+
+    def gradients_at(
+        self, patch: np.ndarray, uv: np.ndarray, w: np.ndarray
+    ) -> tuple[sparse.csr_matrix, ...]:
+        """Gradients of all unknowns' functions at m places: two (m, size) matrices, 1/mm.
+
+        Parameters are those of :meth:`basis_at`.
+        """
+        (values, *slopes), unknowns, row = self._at(patch, uv, w, ((0, 0), (1, 0), (0, 1)))
+        # R_u = N_u w / W - R W_u / W
+        along = []
+        for slope in slopes:
+            total = np.bincount(row, slope.sum(axis=1), len(w))[row]
+            along.append(slope - values * total[:, None])
+        points = self.control_points[unknowns]
+        jacobian = np.zeros((len(w), 2, 2))
+        for k, part in enumerate(along):
+            np.add.at(jacobian[:, k], row, (part[..., None] * points).sum(axis=1))
+        inverse = np.linalg.inv(jacobian)[row]
+        return tuple(
+            self._matrix(
+                inverse[:, c, 0, None] * along[0] + inverse[:, c, 1, None] * along[1],
+                unknowns,
+                row,
+                len(w),
+            )
+            for c in (0, 1)
+        )
+
+    def _at(
+        self,
+        patch: np.ndarray,
+        uv: np.ndarray,
+        w: np.ndarray,
+        derivatives: tuple[tuple[int, int], ...],
+    ) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
+        """Derivatives of w N, divided by W, at places; unknowns, and the place of each row."""
+        u = np.reshape(uv, len(w))
+        parts = []
+        for order_u, order_w in derivatives:
+            along = self.curve.basis(patch, u, order_u)
+            first, across = bspline.basis_functions(self.degree_w, self.knots_w, w, order_w)
+            row = np.repeat(np.arange(len(w)), np.diff(along.indptr))
+            layers = first[row][:, None] + np.arange(self.degree_w + 1)
+            unknowns = layers * self.columns + along.indices[:, None]
+            heavy = self.homogeneous.reshape(-1, 3)[unknowns, 2]
+            parts.append(along.data[:, None] * across[row] * heavy)
+            if not (order_u or order_w):
+                total = np.bincount(row, parts[-1].sum(axis=1), len(w))[row][:, None]
+        return [part / total for part in parts], unknowns, row
+
+    def _matrix(
+        self, values: np.ndarray, unknowns: np.ndarray, row: np.ndarray, count: int
+    ) -> sparse.csr_matrix:
+        """Rows of values on unknowns as a (count, size) matrix."""
         rows = np.broadcast_to(row[:, None], unknowns.shape)
         data = values.ravel(), (rows.ravel(), unknowns.ravel())
-        return sparse.csr_matrix(data, shape=(len(w), self.size))
+        return sparse.csr_matrix(data, shape=(count, self.size))
 
     def boundary_samples(
         self, faces: Sequence[str] | None = None, points: int | None = None
