@@ -39,10 +39,13 @@ class CollocationSpace:
     spline : SplineSpace
     tets : SimplexSpace
         Of the same dimension d: tets in space, triangles in the plane.
+    notes : tuple of str
+        What the user should know about how the spaces were made.
     """
 
     spline: SplineSpace
     tets: SimplexSpace
+    notes: tuple[str, ...] = ()
 
     @cached_property
     def free_nodes(self) -> np.ndarray:
@@ -123,10 +126,13 @@ class NitscheSpace:
     spline : SplineSpace
     tets : SimplexSpace
         Of the same dimension d: tets in space, triangles in the plane.
+    notes : tuple of str
+        What the user should know about how the spaces were made.
     """
 
     spline: SplineSpace
     tets: SimplexSpace
+    notes: tuple[str, ...] = ()
 
     @property
     def dimension(self) -> int:

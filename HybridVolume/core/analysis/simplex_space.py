@@ -281,15 +281,107 @@ class SimplexSpace:
 
     @cached_property
     def jacobian_bounds(self) -> np.ndarray:
-        """Lower bounds of det J of each element by its Bernstein coefficients, (m,), mm³."""
-        return self.bounds_of(np.arange(len(self.elements)))
+        """Lower bounds of det J of each element, (m,), mm³; positive: the element is proved valid.
 
-    def bounds_of(self, rows: np.ndarray, nodes: np.ndarray | None = None) -> np.ndarray:
-        """Lower bounds of det J of some elements, with other places of the nodes if wanted."""
+        Bernstein coefficients, of parts of the element where those of the whole do not decide.
+        """
+        return self.bounds_of(np.arange(len(self.elements)))[0]
+
+    def bounds_of(
+        self, rows: np.ndarray, nodes: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Lower bounds and means of det J of some elements, with other places of the nodes if so.
+
+        Parameters
+        ----------
+        rows : (k,) int array
+        nodes : (n, d) array, optional
+
+        Returns
+        -------
+        bounds, means : (k,) arrays
+            mm³
+        """
         dim = self.dimension
         degree = max(dim * (self.degree - 1), 1)
         at = lattice(dim, degree)[:, 1:] / degree
         _, slopes = shape_functions(self.degree, at)
         x = (self.nodes if nodes is None else nodes)[self.elements[rows]]
-        determinant = np.linalg.det(slopes @ x[:, None])
-        return (determinant @ bernstein_coefficients(dim, degree).T).min(axis=1)
+        coefficients = np.linalg.det(slopes @ x[:, None]) @ bernstein_coefficients(dim, degree).T
+        return _least(coefficients, dim, degree), coefficients.mean(axis=1)
+
+
+_DEPTH = 4
+"""How often an element is subdivided whose coefficients do not decide."""
+_ROUNDING = 1e-12
+"""Share of the largest coefficient that rounding may take from the smallest one."""
+
+
+def _least(coefficients: np.ndarray, dim: int, degree: int) -> np.ndarray:
+    """Lower bounds of polynomials by their Bernstein coefficients (k, n), and those of parts."""
+    corner = coefficients[:, : dim + 1].min(axis=1)
+    margin = _ROUNDING * np.abs(coefficients).max(axis=1, initial=0.0)
+    bound = coefficients.min(axis=1) - margin
+    # values at corners are exact: where they are not positive, no subdivision can help
+    rows = np.flatnonzero((bound <= 0.0) & (corner > 0.0))
+    part, owner = coefficients[rows], rows
+    restrict = np.concatenate([
+        bernstein_coefficients(dim, degree)
+        @ bernstein(degree, lattice(dim, degree) / degree @ corners)
+        for corners in parts_of_simplex(dim)[0] / 2.0
+    ])  # fmt: skip
+    width = coefficients.shape[1]
+    settled = np.full(len(bound), np.inf)
+    for _ in range(_DEPTH):
+        if not len(part):
+            break
+        part = (part @ restrict.T).reshape(-1, width)
+        owner = np.repeat(owner, 2**dim)
+        low = part.min(axis=1) - margin[owner]
+        positive = low > 0.0
+        np.minimum.at(settled, owner[positive], low[positive])
+        bound[owner] = settled[owner]
+        np.minimum.at(bound, owner[~positive], low[~positive])
+        # a value that is not positive refutes the whole element
+        folded = np.zeros(len(bound), dtype=bool)
+        folded[owner[part[:, : dim + 1].min(axis=1) <= 0.0]] = True
+        again = ~positive & ~folded[owner]
+        part, owner = part[again], owner[again]
+    return bound
+
+
+DIAGONALS = (((0, 1), (2, 3)), ((0, 2), (1, 3)), ((0, 3), (1, 2)))
+"""Pairs of opposite edges of a tet, between whose middles the octahedron may be cut."""
+
+
+@cache
+def parts_of_simplex(dimension: int) -> np.ndarray:
+    """Corners of the 2^d equal parts of a simplex, (ways, 2^d, d + 1, d + 1).
+
+    Barycentric coordinates in halves: rows (2, 0, ..) are corners, (1, 1, 0, ..) middles of edges.
+    A tet has three ways, one for each diagonal of the octahedron in its middle (Bey 1995).
+    """
+    count = dimension + 1
+    middle = {
+        (a, b): np.eye(count, dtype=int)[a] + np.eye(count, dtype=int)[b]
+        for a in range(count)
+        for b in range(count)
+    }
+    corner = [
+        np.array([middle[k, j] if j != k else middle[k, k] for j in range(count)])
+        for k in range(count)
+    ]
+    if dimension == 1:
+        return np.array([corner])
+    if dimension == 2:
+        return np.array([[*corner, [middle[1, 2], middle[0, 2], middle[0, 1]]]])
+    ways = []
+    for (a, b), (c, d) in DIAGONALS:
+        # around the diagonal from the middle of ab to that of cd
+        ring = [middle[a, c], middle[c, b], middle[b, d], middle[d, a]]
+        inside = [
+            np.array([middle[a, b], middle[c, d], ring[k], ring[(k + 1) % 4]]) for k in range(4)
+        ]
+        oriented = [t if np.linalg.det(t) > 0 else t[[1, 0, 2, 3]] for t in inside]
+        ways.append([*corner, *oriented])
+    return np.array(ways)

@@ -22,6 +22,7 @@ from ..bezier import bernstein
 from ..elements import gauss_line
 from ..shell import Shell
 from ..spans import ElementGroup
+from .refine import refine_shell
 from .samples import BoundarySamples, Samples
 
 _BLOCK = 2_000_000
@@ -75,10 +76,15 @@ class SplineSpace:
         """Highest degree of the surface's patches."""
         return max(max(group.degrees) for group in self.shell.surface.groups)
 
+    @property
+    def patch_faces(self) -> tuple[str, ...]:
+        """CAD face of each patch."""
+        return tuple(patch.face for patch in self.shell.surface.patches)
+
     @cached_property
     def face_names(self) -> tuple[str, ...]:
         """CAD faces, each once, in the order of their patches."""
-        return tuple(dict.fromkeys(patch.face for patch in self.shell.surface.patches))
+        return tuple(dict.fromkeys(self.patch_faces))
 
     @property
     def columns(self) -> int:
@@ -105,6 +111,10 @@ class SplineSpace:
     def inner(self) -> np.ndarray:
         """Unknowns whose functions do not vanish on the inner boundary."""
         return np.arange(self.size - self.columns, self.size)
+
+    def refined(self) -> SplineSpace:
+        """The space with all knot spans halved along u, v and w; it holds all of this one."""
+        return SplineSpace(refine_shell(self.shell, 2), 2 * self.parts)
 
     def samples(self, points: int | None = None) -> Iterator[Samples]:
         """Functions at Gauss points of all elements, a block at a time.
@@ -223,7 +233,7 @@ class SplineSpace:
         surface = self.shell.surface
         chosen = np.ones(len(surface.patches), dtype=bool)
         if faces is not None:
-            names = np.array([patch.face for patch in surface.patches])
+            names = np.array(self.patch_faces)
             check_faces(self.face_names, faces)
             chosen = np.isin(names, list(faces))
         elements = np.flatnonzero(chosen[surface.element_patch])

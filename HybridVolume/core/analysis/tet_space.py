@@ -14,7 +14,10 @@ from ...errors import InputError
 from ..columns import evaluate_columns
 from ..interior import Interface, Interior
 from ..shell import Shell
-from .simplex_space import DEGREES, SimplexSpace, found_rows, lattice, lattice_keys
+from .simplex_space import DEGREES, SimplexSpace, found_rows, lattice_keys
+from .spline_space import SplineSpace
+from .subdivision import interface_places
+from .unfold import unfolded
 
 
 class TetSpace(SimplexSpace):
@@ -22,7 +25,7 @@ class TetSpace(SimplexSpace):
 
 
 def tet_space(shell: Shell, interface: Interface, interior: Interior, degree: int = 2) -> TetSpace:
-    """Polynomials on the tets of a core.
+    """Polynomials on the tets of a core, whose inner nodes give way to the curved interface.
 
     Parameters
     ----------
@@ -35,7 +38,48 @@ def tet_space(shell: Shell, interface: Interface, interior: Interior, degree: in
     Raises
     ------
     InputError
-        The degree is another, or a tet is folded by the curved interface; its faces are named.
+        The degree is another, or tets stay folded by the curved interface; their faces are named.
+        :func:`.hybrid_space.hybrid_space` cuts tets and interface then.
+    """
+    space, _ = unfolded(curved_tets(shell, interface, interior, degree))
+    check_valid(space, SplineSpace(shell))
+    return space
+
+
+def check_valid(space: SimplexSpace, spline: SplineSpace) -> None:
+    """Refuse a space with elements that are not proved valid.
+
+    Parameters
+    ----------
+    space : SimplexSpace
+    spline : SplineSpace
+        Knows the names of the faces over them.
+
+    Raises
+    ------
+    InputError
+        The CAD faces over them are named.
+    """
+    folded = np.flatnonzero(space.jacobian_bounds <= 0.0)
+    if len(folded):
+        dim = space.dimension
+        near = np.isin(space.faces[:, :dim], space.elements[folded, : dim + 1]).any(axis=1)
+        names = spline.patch_faces
+        raise InputError(
+            f"{len(folded)} elements of degree {space.degree} in the core are folded by the curved"
+            " interface",
+            faces=list(dict.fromkeys(names[k] for k in np.unique(space.face_patch[near]))),
+            figure=float(len(folded)),
+            remedy="refine the shell, or choose linear tetrahedra",
+        )
+
+
+def curved_tets(
+    shell: Shell, interface: Interface, interior: Interior, degree: int = 2
+) -> TetSpace:
+    """Tets whose nodes on the interface stand on the inner surface; they may be folded.
+
+    Parameters and what is refused as for :func:`tet_space`.
     """
     if degree not in DEGREES:
         raise InputError(f"degree {degree} in the core", remedy="choose 1, 2 or 3")
@@ -51,14 +95,9 @@ def tet_space(shell: Shell, interface: Interface, interior: Interior, degree: in
 
     triangle_keys = lattice_keys(interface.triangles, degree)
     faces = found_rows(flat, triangle_keys.reshape(-1, degree)).reshape(triangle_keys.shape[:2])
-    on, first = np.unique(faces, return_index=True)
-    triangle, place = np.divmod(first, faces.shape[1])
-    share = lattice(2, degree)[place] / degree
-    patch = interface.triangle_patch[triangle]
-    uv = np.einsum("kc,kcd->kd", share, interface.triangle_uv[triangle])
     reach = interface.vertex_w if len(interface.vertex_w) else np.ones(len(interface.vertices))
-    face_w = reach[interface.triangles]
-    w = (share * face_w[triangle]).sum(axis=1)
+    sides = interface.triangle_patch, interface.triangle_uv, reach[interface.triangles]
+    on, patch, uv, w = interface_places(faces, *sides, degree)
     straight = nodes.copy()
     nodes[on] = evaluate_columns(shell, patch, uv, w[None])[0]
     # the mesh's own vertices keep their bits
@@ -66,30 +105,7 @@ def tet_space(shell: Shell, interface: Interface, interior: Interior, degree: in
     nodes[vertices] = interface.vertices
     if degree == 3:
         _centre_faces(nodes, straight, flat, on)
-    space = TetSpace(
-        degree,
-        nodes,
-        elements,
-        on,
-        patch,
-        uv,
-        w,
-        faces,
-        interface.triangle_patch,
-        interface.triangle_uv,
-        face_w,
-    )
-    folded = np.flatnonzero(space.jacobian_bounds <= 0.0)
-    if len(folded):
-        near = np.isin(interface.triangles, mesh.tets[folded]).any(axis=1)
-        patches = np.unique(interface.triangle_patch[near])
-        raise InputError(
-            f"{len(folded)} tetrahedra of degree {degree} are folded by the curved interface",
-            faces=list(dict.fromkeys(shell.surface.patches[k].face for k in patches)),
-            figure=float(len(folded)),
-            remedy="refine the shell, or choose linear tetrahedra",
-        )
-    return space
+    return TetSpace(degree, nodes, elements, on, patch, uv, w, faces, *sides)
 
 
 def _centre_faces(

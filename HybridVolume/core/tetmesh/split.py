@@ -105,34 +105,53 @@ def _split_faces(
     return np.vstack([faces[~cut], first, second])
 
 
-def separate_boundary(mesh: TetMesh, faces: np.ndarray | None = None) -> tuple[TetMesh, np.ndarray]:
+def separate_boundary(
+    mesh: TetMesh, faces: np.ndarray | None = None, chosen: np.ndarray | None = None
+) -> tuple[TetMesh, np.ndarray]:
     """Split whatever joins boundary vertices through the inside.
 
     Afterwards no tetrahedron has four boundary vertices, so that a function that is zero on the
     boundary is zero on no tetrahedron, and its lowest isosurfaces look like the boundary.
 
-    Parameters and results as for :func:`split_edges`.
+    Parameters
+    ----------
+    mesh : TetMesh
+    faces : (f, 3) int array, optional
+        Triangles of the mesh that are split along, e.g. those of a sheet.
+    chosen : (n,) bool array, optional
+        Boundary vertices between which it shall be done; all by default.
+
+    Returns
+    -------
+    mesh : TetMesh
+    faces : (f', 3) int array
     """
     faces = np.zeros((0, 3), dtype=np.int64) if faces is None else faces
     n = len(mesh.vertices)
-    both = mesh.on_boundary[mesh.edges].all(axis=1)
+    chosen = mesh.on_boundary if chosen is None else mesh.on_boundary & chosen
+    both = chosen[mesh.edges].all(axis=1)
     inner = mesh.edges[both]
     inner = inner[~np.isin(row_keys(inner, n), row_keys(mesh.boundary_edges, n))]
     if len(inner):
         mesh, faces = split_edges(mesh, inner, faces)
-    mesh = _split_inner_faces(mesh)
-    flat = mesh.on_boundary[mesh.tets].all(axis=1)
+    mesh = _split_inner_faces(mesh, chosen)
+    flat = _grown(chosen, mesh)[mesh.tets].all(axis=1)
     if flat.any():
         mesh = _insert(mesh, mesh.tets[flat], np.flatnonzero(flat)[:, None])
     return mesh, faces
 
 
-def _split_inner_faces(mesh: TetMesh) -> TetMesh:
-    """Put a vertex into every inner face whose three vertices are on the boundary."""
+def _grown(flags: np.ndarray, mesh: TetMesh) -> np.ndarray:
+    """Flags of vertices with those that came after, which have none."""
+    return np.concatenate([flags, np.zeros(len(mesh.vertices) - len(flags), dtype=bool)])
+
+
+def _split_inner_faces(mesh: TetMesh, chosen: np.ndarray) -> TetMesh:
+    """Put a vertex into every inner face whose three vertices are chosen ones on the boundary."""
     for _ in range(8):
         tet, face = np.nonzero(mesh.neighbours > np.arange(len(mesh))[:, None])
         corners = mesh.tets[tet[:, None], FACES[face]]
-        bad = mesh.on_boundary[corners].all(axis=1)
+        bad = _grown(chosen, mesh)[corners].all(axis=1)
         if not bad.any():
             break
         tet, corners, other = tet[bad], corners[bad], mesh.neighbours[tet[bad], face[bad]]

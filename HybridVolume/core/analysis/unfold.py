@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""Repair of simplices that a curved interface folds: the nodes inside the core give way.
+
+Nodes on the interface stay where they are. What is repaired is proved by Bernstein coefficients
+of det J, subdivided where they do not decide.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..curving import batch_towards, relaxed
+from .simplex_space import SimplexSpace, lattice, shape_functions
+
+_PASSES = ((2, 1), (3, 2), (4, 3), (5, 4))
+"""Density of samples over twice the degree's least, and rings of elements that move."""
+_UNEVEN = 0.02
+"""Smallest det J over its mean in an element below which it is worth an attempt to be better."""
+
+
+def unfolded(space: SimplexSpace) -> tuple[SimplexSpace, int]:
+    """The space with nodes inside moved where elements are folded, or nearly so.
+
+    Parameters
+    ----------
+    space : SimplexSpace
+
+    Returns
+    -------
+    space : SimplexSpace
+        Whether no element is folded any more is for the caller to see
+        (:attr:`.simplex_space.SimplexSpace.jacobian_bounds`).
+    moved : int
+        Nodes that were moved.
+    """
+    fixed = np.zeros(space.size, dtype=bool)
+    fixed[space.interface] = True
+    nodes, elements = space.nodes, space.elements
+    quality = evenness(space, nodes)
+    for density, rings in _PASSES:
+        poor = quality < _UNEVEN
+        if not poor.any():
+            break
+        near = np.zeros(len(nodes), dtype=bool)
+        near[elements[poor]] = True
+        for _ in range(rings - 1):
+            near[elements[near[elements].any(axis=1)]] = True
+        free = near & ~fixed
+        if not free.any():
+            continue
+        rows = np.flatnonzero(free[elements].any(axis=1))
+        fresh = _moved(space.degree, nodes, elements[rows], free, density)
+        found = quality.copy()
+        found[rows] = evenness(space, fresh, rows)
+        if _score(found) > _score(quality):
+            nodes, quality = fresh, found
+    count = int(np.count_nonzero((nodes != space.nodes).any(axis=1)))
+    return replace(space, nodes=nodes) if count else space, count
+
+
+def evenness(space: SimplexSpace, nodes: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
+    """Lower bound of det J over its mean in each element, (m,): in [-1, 1], and 1 if straight."""
+    rows = np.arange(len(space.elements)) if rows is None else rows
+    low, mean = space.bounds_of(rows, nodes)
+    return np.clip(low / np.maximum(np.abs(mean), 1e-300), -1.0, 1.0)
+
+
+def _score(quality: np.ndarray) -> tuple[int, float]:
+    """How good a state is: few folded elements, and the poor ones less poor."""
+    return -int(np.count_nonzero(quality <= 0.0)), float(np.minimum(quality, _UNEVEN).sum())
+
+
+def _moved(
+    degree: int, nodes: np.ndarray, elements: np.ndarray, free: np.ndarray, density: int
+) -> np.ndarray:
+    """All nodes, the free ones at places where the energy of the elements is least."""
+    dim = nodes.shape[1]
+    used = np.unique(elements)
+    number = np.full(len(nodes), -1)
+    number[used] = np.arange(len(used))
+    count = max(dim * (degree - 1), 1) + density - 2
+    _, slopes = shape_functions(degree, lattice(dim, count)[:, 1:] / count)
+    corners = nodes[elements[:, : dim + 1]]
+    target = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)[:, None]
+    batch = batch_towards(number[elements], np.swapaxes(slopes, 1, 2), target)
+    result = nodes.copy()
+    movable = np.flatnonzero(free[used])
+    result[used[movable]] = relaxed(nodes[used], movable, [batch])
+    return result
