@@ -30,7 +30,7 @@ from .simplex_space import (
 )
 
 COUPLINGS = ("collocation", "nitsche")
-NODES = ("knots", "greville")
+GREVILLE = "greville"
 
 
 def ring(
@@ -101,7 +101,7 @@ def plane_space(
     coupling: str = "collocation",
     *,
     degree_w: int | None = None,
-    nodes: str = "knots",
+    nodes: int | str = 1,
     size: float | None = None,
     inner: np.ndarray | None = None,
 ) -> CollocationSpace | NitscheSpace:
@@ -116,9 +116,9 @@ def plane_space(
     degree : {1, 2, 3}
         Of the triangles; 1 is the paper's.
     coupling : {"collocation", "nitsche"}
-    nodes : {"knots", "greville"}
-        Where corners of triangles stand on the inner curve: at its knots, or at the node locations
-        t_l of its control points as in the paper.
+    nodes : int or "greville"
+        Where corners of triangles stand on the inner curve: at its knots, with so many edges a
+        span, or at the node locations t_l of its control points as in the paper.
     size : float, optional
         Longest edge of the triangles inside, mm; the longest edge on the inner curve by default.
 
@@ -129,11 +129,15 @@ def plane_space(
     """
     if coupling not in COUPLINGS:
         raise InputError(f"coupling {coupling!r}", remedy=f"choose {' or '.join(COUPLINGS)}")
-    if nodes not in NODES:
-        raise InputError(f"nodes at {nodes!r}", remedy=f"choose {' or '.join(NODES)}")
+    if nodes != GREVILLE and not (isinstance(nodes, int) and nodes > 0):
+        raise InputError(
+            f"nodes {nodes!r}", remedy=f"give the number of edges a span, or {GREVILLE!r}"
+        )
     spline = ring(boundary, depth, layers, degree_w, inner)
     curve = spline.inner_curve
-    places = curve.greville if nodes == "greville" else [breaks[:-1] for breaks in curve.breaks]
+    places = (
+        curve.greville if nodes == GREVILLE else [_cut(breaks, nodes) for breaks in curve.breaks]
+    )
     patch, ends = _edges(curve, places)
     core = triangle_space(curve, patch, ends, degree, size)
     return (CollocationSpace if coupling == "collocation" else NitscheSpace)(spline, core)
@@ -158,7 +162,7 @@ def triangles_only(
         The degree is another, or a triangle is folded.
     """
     if size is None:
-        places = [breaks[:-1] for breaks in boundary.breaks]
+        places = [_cut(breaks, 1) for breaks in boundary.breaks]
     else:
         places = [_even(boundary, number, size) for number in range(len(boundary.knots))]
     patch, ends = _edges(boundary, places)
@@ -331,6 +335,11 @@ def _edges(curve: PlaneCurve, places: Sequence[np.ndarray]) -> tuple[np.ndarray,
         last = place[0] + 1.0 if curve.smooth else 1.0
         ends.append(np.column_stack([place, np.append(place[1:], last)]))
     return patch, np.concatenate(ends)
+
+
+def _cut(breaks: np.ndarray, parts: int) -> np.ndarray:
+    """Parameters that cut every span into equal parts, without the last one's end."""
+    return (breaks[:-1, None] + np.diff(breaks)[:, None] * np.arange(parts) / parts).ravel()
 
 
 def _even(curve: PlaneCurve, number: int, size: float) -> np.ndarray:
