@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""A hybrid volume for solvers that know splines: the shell, the core beside it, the interface.
+
+No such program has a format for both, so that there are four files: NAME.mesh (MFEM) or NAME.xml
+(G+Smo) with the shell, NAME_core.msh, NAME_interface.csv and NAME_interface_triangles.csv.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from HybridVolume.core.analysis.hybrid_space import hybrid_space
+from HybridVolume.core.solver_patches import solver_patches
+from HybridVolume.errors import InputError
+
+from .core_mesh import write_core, write_interface, write_interface_triangles
+from .gismo_xml import write_gismo
+from .mfem_mesh import write_mfem
+
+if TYPE_CHECKING:
+    from HybridVolume.core.hybrid import HybridVolume
+
+SHELL_FORMATS = {".mesh": write_mfem, ".xml": write_gismo}
+"""Writer of the shell by the ending."""
+
+DEGREES = (1, 2, 3)
+
+
+def check_shell_format(path: str | os.PathLike, degree: int = 2) -> str:
+    """Ending of a path, in small letters.
+
+    Raises
+    ------
+    InputError
+        No format has it, or there are no tetrahedra of this degree.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in SHELL_FORMATS:
+        raise InputError(
+            f"shells are not written as {suffix or 'a name without an ending'}",
+            remedy="choose .mesh (MFEM) or .xml (G+Smo)",
+        )
+    if degree not in DEGREES:
+        raise InputError(f"degree {degree} in the core", remedy="choose 1, 2 or 3")
+    return suffix
+
+
+def files_beside(stem: str) -> tuple[str, str, str]:
+    """Names of core, interface and interface's triangles beside a shell's file."""
+    return f"{stem}_core.msh", f"{stem}_interface.csv", f"{stem}_interface_triangles.csv"
+
+
+def write_solver_files(
+    path: str | os.PathLike, volume: HybridVolume, degree: int = 2
+) -> list[Path]:
+    """Write the shell to a path, and core and interface beside it.
+
+    Parameters
+    ----------
+    path : path
+        ``.mesh`` (MFEM NURBS mesh v1.0) or ``.xml`` (G+Smo multipatch).
+    volume : HybridVolume
+    degree : {1, 2, 3}
+        Of the core's tetrahedra.
+
+    Returns
+    -------
+    list of Path
+        The four files.
+
+    Raises
+    ------
+    InputError
+        No format has the ending, or the degree is another.
+    OSError
+        The place cannot be written.
+    """
+    path = Path(path)
+    suffix = check_shell_format(path, degree)
+    # everything that can fail is made before the first file
+    shell = solver_patches(volume.shell)
+    core = hybrid_space(volume.shell, volume.interface, volume.interior, degree=degree).tets
+    beside = [path.with_name(name) for name in files_beside(path.stem)]
+    SHELL_FORMATS[suffix](path, shell)
+    write_core(beside[0], core)
+    write_interface(beside[1], core, shell)
+    write_interface_triangles(beside[2], core, shell)
+    return [path, *beside]
