@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from scipy import sparse
@@ -13,7 +13,13 @@ from scipy.sparse.linalg import spsolve
 from .samples import BoundarySamples
 from .spline_space import SplineSpace
 
-__all__ = ["BoundarySamples", "boundary_load", "boundary_projection"]
+__all__ = [
+    "BoundarySamples",
+    "boundary_flux",
+    "boundary_load",
+    "boundary_projection",
+    "given_on_faces",
+]
 
 
 def boundary_projection(
@@ -65,3 +71,54 @@ def boundary_load(
         force = traction(s.points, s.normals) * s.measure[:, None]
         total[spline.outer] += s.values.T @ force
     return total
+
+
+def boundary_flux(
+    spline: SplineSpace, flux: Callable, faces: Sequence[str] | None = None
+) -> np.ndarray:
+    """Integrals of a scalar flux times each function of the space, (size,), W.
+
+    Parameters
+    ----------
+    spline : SplineSpace
+    flux : callable
+        Takes (m, d) points, mm, and returns (m,) values: what flows into the body, W/mm².
+    faces : sequence of str, optional
+        CAD faces, all by default.
+    """
+    total = np.zeros(spline.size)
+    for s in spline.boundary_samples(faces):
+        total[spline.outer] += s.values.T @ (flux(s.points) * s.measure)
+    return total
+
+
+def given_on_faces(
+    spline: SplineSpace, given: Mapping[str, Callable], components: int = 1
+) -> tuple[np.ndarray, np.ndarray]:
+    """Unknowns with given values; faces with the same function are projected together.
+
+    Where two functions meet, on the rim of their faces, the later one holds.
+
+    Parameters
+    ----------
+    spline : SplineSpace
+    given : mapping of str to callable
+        By CAD face: take (m, d) points, mm, and return (m,) or (m, components) values; a component
+        that is nan is not given.
+    components : int
+
+    Returns
+    -------
+    unknown, component : (k,) int arrays
+    value : (k,) array
+    """
+    alike: dict[Callable, list[str]] = {}
+    for face, function in given.items():
+        alike.setdefault(function, []).append(face)
+    known = np.full((spline.size, components), np.nan)
+    for function, faces in alike.items():
+        unknowns, found = boundary_projection(spline, function, faces)
+        found = found.reshape(len(unknowns), components)
+        known[unknowns] = np.where(np.isnan(found), known[unknowns], found)
+    component, unknown = np.nonzero(~np.isnan(known.T))
+    return unknown, component, known[unknown, component]

@@ -12,9 +12,13 @@ import numpy as np
 from ...errors import InputError
 from ..recovery import Material
 from .assembly import errors, load
-from .boundary import boundary_load, boundary_projection
+from .boundary import boundary_load, given_on_faces
 from .coupling import CollocationSpace, NitscheSpace
 from .linear import solve_fixed
+from .rigid import holding, without_motion
+
+_BALANCED = 1e-4
+"""Share of the largest load that may act on what holds a body whose loads balance."""
 
 
 @dataclass(frozen=True)
@@ -28,11 +32,14 @@ class Displacement:
         Coefficients of the coupled unknowns, mm.
     energy : float
         Strain energy, with the terms of the interface, mJ.
+    reactions : (size, d) array
+        Forces on the unknowns beyond the loads, N: what the given displacements need.
     """
 
     space: CollocationSpace | NitscheSpace
     values: np.ndarray
     energy: float
+    reactions: np.ndarray
 
     def errors(self, exact: Callable, slope: Callable) -> tuple[float, float]:
         """Errors of all components in L2 and in the H1 seminorm over shell and core.
@@ -61,6 +68,7 @@ def solve_elasticity(
     fixed: Mapping[str, Callable],
     tractions: Mapping[str, Callable] | None = None,
     body_force: Callable | None = None,
+    balanced: bool = False,
 ) -> Displacement:
     """Solve the static problem.
 
@@ -76,16 +84,20 @@ def solve_elasticity(
         CAD faces with tractions, as for :func:`.boundary.boundary_load`, MPa.
     body_force : callable, optional
         Takes (m, d) points and returns (m, d) forces, N/mm³.
+    balanced : bool
+        Nothing is fixed, the loads balance: the displacement has no rigid part (in L2).
 
     Raises
     ------
     InputError
-        There is no such face, or nothing is fixed.
+        There is no such face, nothing is fixed, or the loads of a free body do not balance.
     FaultError
         The linear system was not solved: the body can still move freely.
     """
-    if not fixed:
+    if not fixed and not balanced:
         raise InputError("nothing is fixed", remedy="give displacements on a face")
+    if fixed and balanced:
+        raise InputError("faces are fixed", remedy="leave out `balanced`")
     shell, core = (materials, materials) if isinstance(materials, Material) else materials
     spline, tets = space.spline, space.tets
     matrix = space.elasticity(shell, core)
@@ -100,26 +112,22 @@ def solve_elasticity(
             outside[:, c] += load(spline, component, more)
             inside[:, c] = load(tets, component, tets.degree + 3)
     right = space.loaded(outside, inside).T.ravel()
-    numbers, values = _given(space, fixed)
-    found = solve_fixed(matrix, right, numbers, values)
-    energy = 0.5 * float(found @ (matrix @ found))
-    return Displacement(space, found.reshape(space.dimension, -1).T, energy)
-
-
-def _given(
-    space: CollocationSpace | NitscheSpace, fixed: Mapping[str, Callable]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Unknowns with given values; faces that are fixed alike are projected together."""
-    alike: dict[Callable, list[str]] = {}
-    for face, function in fixed.items():
-        alike.setdefault(function, []).append(face)
-    known: dict[int, float] = {}
-    for function, faces in alike.items():
-        unknowns, found = boundary_projection(space.spline, function, faces)
-        for c in range(space.dimension):
-            held = ~np.isnan(found[:, c])
-            known |= dict(
-                zip((unknowns[held] + c * space.size).tolist(), found[held, c], strict=True)
+    if balanced:
+        unknown, component = holding(space)
+        values = np.zeros(len(unknown))
+    else:
+        unknown, component, values = given_on_faces(spline, fixed, space.dimension)
+    found = solve_fixed(matrix, right, unknown + component * space.size, values)
+    forces = matrix @ found
+    reactions = (forces - right).reshape(space.dimension, -1).T
+    field = found.reshape(space.dimension, -1).T
+    if balanced:
+        held = np.abs(reactions[unknown, component]).max()
+        if not held <= _BALANCED * np.abs(right).sum():
+            raise InputError(
+                f"the loads do not balance: {held:.3g} N act on what would hold the body",
+                figure=float(held),
+                remedy="fix a face",
             )
-    numbers = np.fromiter(known, dtype=np.int64, count=len(known))
-    return numbers, np.fromiter(known.values(), dtype=float, count=len(known))
+        field = without_motion(space, field)
+    return Displacement(space, field, 0.5 * float(found @ forces), reactions)

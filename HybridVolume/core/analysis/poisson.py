@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""Poisson's equation, steady heat: -div(k grad u) = f with u given on the outer boundary."""
+"""Poisson's equation, steady heat: -div(k grad u) = f with u or the flux given on CAD faces."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from ...errors import InputError
 from .assembly import errors, load
-from .boundary import boundary_projection
+from .boundary import boundary_flux, boundary_projection, given_on_faces
 from .coupling import CollocationSpace, NitscheSpace
 from .linear import solve_fixed
 
@@ -42,21 +43,27 @@ class Solution:
 def solve_poisson(
     space: CollocationSpace | NitscheSpace,
     source: Callable,
-    boundary: Callable,
+    boundary: Callable | Mapping[str, Callable],
     conductivity: tuple[float, float] = (1.0, 1.0),
+    flux: Mapping[str, Callable] | None = None,
 ) -> Solution:
-    """Solve -div(k grad u) = f in the body, u = g on its surface.
+    """Solve -div(k grad u) = f in the body, u = g on its surface or on some faces.
 
     Parameters
     ----------
     space : CollocationSpace or NitscheSpace
     source, boundary : callables
-        f and g: take (m, d) points, mm, and return (m,) values.
+        f and g: take (m, d) points, mm, and return (m,) values. g may be given by CAD face; no
+        flux goes through the others.
     conductivity : (float, float)
         k of the shell and of the core.
+    flux : mapping of str to callable, optional
+        By CAD face: take (m, d) points and return (m,) values of k du/dn, what flows in.
 
     Raises
     ------
+    InputError
+        There is no such face, or nothing is given on any.
     FaultError
         The linear system was not solved.
     """
@@ -64,5 +71,12 @@ def solve_poisson(
     matrix = space.conduction(*conductivity)
     more = spline.degree + 2
     right = space.loaded(load(spline, source, more), load(tets, source, tets.degree + 3))
-    fixed, given = boundary_projection(spline, boundary)
+    for face, function in (flux or {}).items():
+        right += space.loaded(boundary_flux(spline, function, [face]), np.zeros(tets.size))
+    if isinstance(boundary, Mapping):
+        if not boundary:
+            raise InputError("u is given on no face", remedy="give it on one face at least")
+        fixed, _, given = given_on_faces(spline, boundary)
+    else:
+        fixed, given = boundary_projection(spline, boundary)
     return Solution(space, solve_fixed(matrix, right, fixed, given))
