@@ -7,7 +7,8 @@ import pytest
 
 from HybridVolume.core.analysis.coupling import NitscheSpace
 from HybridVolume.core.analysis.elasticity import solve_elasticity
-from HybridVolume.core.analysis.plane import plane_space, refined, triangles_only
+from HybridVolume.core.analysis.hybrid_space import refined
+from HybridVolume.core.analysis.plane import plane_space, triangles_only
 from HybridVolume.core.analysis.plane_curve import closed_spline, ellipse, joined
 from HybridVolume.core.analysis.poisson import solve_poisson
 from HybridVolume.core.bspline import clamped_knots

@@ -3,7 +3,8 @@
 """Hybrid bodies in the plane: a ring of NURBS elements, triangles of degree 1 to 3 inside.
 
 The paper's section 4 in general: any closed NURBS boundary, any number of layers, any depth. The
-spaces are those of bodies in space (:mod:`.coupling`), and so are the problems on them; figures are
+spaces are those of bodies in space (:mod:`.coupling`), so are the problems on them, and
+:func:`.hybrid_space.refined` makes them finer; figures are
 those of a slice of 1 mm, the strain of elastic bodies is plane.
 """
 
@@ -19,15 +20,11 @@ from ..elements import gauss_line
 from .coupling import CollocationSpace, NitscheSpace
 from .plane_curve import PlaneCurve
 from .plane_mesh import fill_polygon
-from .plane_ring import PlaneRing, TriangleRim, edge_places
-from .simplex_space import (
-    DEGREES,
-    SimplexSpace,
-    found_rows,
-    lattice,
-    lattice_keys,
-    shape_functions,
-)
+from .plane_ring import PlaneRing, TriangleRim
+from .simplex_space import DEGREES, SimplexSpace, found_rows, lattice, lattice_keys
+from .subdivision import interface_places
+from .tet_space import check_valid
+from .unfold import unfolded
 
 COUPLINGS = ("collocation", "nitsche")
 GREVILLE = "greville"
@@ -140,6 +137,7 @@ def plane_space(
     )
     patch, ends = _edges(curve, places)
     core = triangle_space(curve, patch, ends, degree, size)
+    check_valid(core, spline)
     return (CollocationSpace if coupling == "collocation" else NitscheSpace)(spline, core)
 
 
@@ -167,7 +165,9 @@ def triangles_only(
         places = [_even(boundary, number, size) for number in range(len(boundary.knots))]
     patch, ends = _edges(boundary, places)
     core = triangle_space(boundary, patch, ends, degree, size)
-    return CollocationSpace(_rim(core, boundary), core)
+    rim = _rim(core, boundary)
+    check_valid(core, rim)
+    return CollocationSpace(rim, core)
 
 
 def triangle_space(
@@ -189,7 +189,7 @@ def triangle_space(
     Raises
     ------
     InputError
-        The degree is another, or a triangle is folded by the curve; its arcs are named.
+        The degree is another. Whether a triangle is folded is for the caller to see.
     """
     if degree not in DEGREES:
         raise InputError(f"triangles of degree {degree}", remedy="choose 1, 2 or 3")
@@ -202,92 +202,14 @@ def triangle_space(
     faces = found_rows(flat, edge_keys.reshape(-1, degree)).reshape(edge_keys.shape[:2])
     straight = vertices[flat].mean(axis=1)
     elements = inverse.reshape(keys.shape[:2])
-    space = _on_curve(curve, degree, straight, elements, faces, patch, ends)
+    on, patches, u, w = interface_places(faces, patch, ends[..., None], np.ones(ends.shape), degree)
+    nodes = straight.copy()
+    nodes[on] = curve.evaluate(patches, u[:, 0])
     if degree == 3:
-        _centre(space.nodes, straight, elements)
-    return _checked(space, curve)
-
-
-def refined(space: CollocationSpace | NitscheSpace) -> CollocationSpace | NitscheSpace:
-    """All spans of the ring halved both ways, every triangle cut in four; the body is the same.
-
-    Triangles are cut in their own curved coordinates; new nodes on the interface stand on the inner
-    curve.
-
-    Raises
-    ------
-    InputError
-        A triangle is folded.
-    """
-    old, k = space.tets, space.tets.degree
-    parent = lattice(2, 2 * k)
-    keys = lattice_keys(old.elements[:, :3], 2 * k)
-    flat, first, inverse = np.unique(
-        keys.reshape(-1, 2 * k), axis=0, return_index=True, return_inverse=True
-    )
-    inside, _ = shape_functions(k, parent[:, 1:] / (2 * k))
-    nodes = (inside @ old.nodes[old.elements]).reshape(-1, 2)[first]
-    whole = inverse.reshape(keys.shape[:2])
-    elements = np.concatenate([whole[:, child] for child in _children(2, k)])
-    edge_keys = lattice_keys(old.faces[:, :2], 2 * k)
-    fine = found_rows(flat, edge_keys.reshape(-1, 2 * k)).reshape(edge_keys.shape[:2])
-    faces = np.concatenate([fine[:, child] for child in _children(1, k)])
-    ends = old.face_uv[..., 0]
-    middle = ends.mean(axis=1)
-    halves = np.concatenate(
-        [np.column_stack([ends[:, 0], middle]), np.column_stack([middle, ends[:, 1]])]
-    )
-    patch = np.tile(old.face_patch, 2)
-    if isinstance(space.spline, TriangleRim):
-        curve = space.spline.curve
-        core = _checked(_on_curve(curve, k, nodes, elements, faces, patch, halves), curve)
-        return CollocationSpace(_rim(core, curve), core)
-    spline = space.spline.refined()
-    curve = spline.inner_curve
-    core = _on_curve(curve, k, nodes, elements, faces, patch, halves)
-    return type(space)(spline, _checked(core, curve))
-
-
-def _children(dimension: int, degree: int) -> np.ndarray:
-    """Places of the children's nodes in the lattice of twice the degree, (2^d, n)."""
-    fine = {tuple(c): k for k, c in enumerate(lattice(dimension, 2 * degree).tolist())}
-    corners = 2 * np.eye(dimension + 1, dtype=int)
-    middles = (corners[:, None] + corners) // 2
-    made = [[middles[k, j] for j in range(dimension + 1)] for k in range(dimension + 1)]
-    if dimension == 2:
-        made.append([middles[0, 1], middles[1, 2], middles[2, 0]])
-    counts = lattice(dimension, degree) @ np.array(made)
-    return np.array([[fine[tuple(c)] for c in child] for child in counts.tolist()])
-
-
-def _on_curve(
-    curve: PlaneCurve,
-    degree: int,
-    nodes: np.ndarray,
-    elements: np.ndarray,
-    faces: np.ndarray,
-    patch: np.ndarray,
-    ends: np.ndarray,
-) -> SimplexSpace:
-    """Triangles whose nodes on the edges ``faces`` are moved onto the curve."""
-    on, first = np.unique(faces, return_index=True)
-    edge = first // faces.shape[1]
-    u = edge_places(degree, ends).ravel()[first]
-    nodes = nodes.copy()
-    nodes[on] = curve.evaluate(patch[edge], u)
-    return SimplexSpace(
-        degree,
-        nodes,
-        elements,
-        on,
-        patch[edge],
-        u[:, None],
-        np.ones(len(on)),
-        faces,
-        patch,
-        ends[..., None],
-        np.ones(ends.shape),
-    )
+        _centre(nodes, straight, elements)
+    sides = patch, ends[..., None], np.ones(ends.shape)
+    made, _ = unfolded(SimplexSpace(degree, nodes, elements, on, patches, u, w, faces, *sides))
+    return made
 
 
 def _centre(nodes: np.ndarray, straight: np.ndarray, elements: np.ndarray) -> None:
@@ -297,21 +219,6 @@ def _centre(nodes: np.ndarray, straight: np.ndarray, elements: np.ndarray) -> No
     (inside,) = np.flatnonzero(counts.min(axis=1) == 1)
     edges = np.flatnonzero((counts.min(axis=1) == 0) & (counts.max(axis=1) == 2))
     nodes[elements[:, inside]] += 0.25 * moved[:, edges].sum(axis=1)
-
-
-def _checked(space: SimplexSpace, curve: PlaneCurve) -> SimplexSpace:
-    """The same triangles, if none is folded."""
-    folded = np.flatnonzero(space.jacobian_bounds <= 0.0)
-    if len(folded):
-        near = np.isin(space.faces[:, :2], space.elements[folded]).any(axis=1)
-        patches = np.unique(space.face_patch[near])
-        raise InputError(
-            f"{len(folded)} triangles of degree {space.degree} are folded by the curve",
-            faces=[curve.names[k] for k in patches],
-            figure=float(len(folded)),
-            remedy="refine the boundary, or choose linear triangles",
-        )
-    return space
 
 
 def _rim(core: SimplexSpace, boundary: PlaneCurve) -> TriangleRim:

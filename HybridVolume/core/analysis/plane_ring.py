@@ -22,7 +22,7 @@ from ..elements import gauss_line
 from ..jacobian import halving_matrix
 from .plane_curve import PlaneCurve
 from .samples import BoundarySamples, Samples
-from .simplex_space import lattice, shape_functions
+from .simplex_space import lattice, lattice_keys, shape_functions
 from .spline_space import check_faces
 
 _BLOCK = 2_000_000
@@ -72,6 +72,11 @@ class PlaneRing:
     @property
     def face_names(self) -> tuple[str, ...]:
         """Names of the boundary's arcs."""
+        return self.curve.names
+
+    @property
+    def patch_faces(self) -> tuple[str, ...]:
+        """The same: an arc is a patch."""
         return self.curve.names
 
     @property
@@ -385,6 +390,11 @@ class TriangleRim:
         return self.curve.names
 
     @property
+    def patch_faces(self) -> tuple[str, ...]:
+        """The same: an arc is a patch."""
+        return self.curve.names
+
+    @property
     def columns(self) -> int:
         """Number of nodes."""
         return len(self.control_points)
@@ -443,6 +453,31 @@ class TriangleRim:
             speed * np.tile(weight, len(chosen)),
         )
 
+    def refined(self) -> TriangleRim:
+        """The rim with every edge halved; new nodes stand on the boundary itself."""
+        k = self.degree
+        keys = lattice_keys(self.edges[:, :2], 2 * k)
+        _, first, inverse = np.unique(
+            keys.reshape(-1, 2 * k), axis=0, return_index=True, return_inverse=True
+        )
+        fine = lattice(1, 2 * k)
+        u = (self.edge_u @ fine.T / (2 * k)).ravel()[first]
+        points = self.curve.evaluate(np.repeat(self.edge_patch, 2 * k + 1)[first], u)
+        numbers = inverse.reshape(keys.shape[:2])
+        # from one end to the other, then both halves in the order of the lattice
+        row = numbers[:, np.argsort(fine[:, 1])]
+        place = lattice(1, k)[:, 1]
+        edges = np.stack([row[:, place], row[:, place + k]], axis=1).reshape(-1, k + 1)
+        ends = np.column_stack([self.edge_u[:, 0], self.edge_u.mean(axis=1), self.edge_u[:, 1]])
+        return TriangleRim(
+            k,
+            points,
+            edges,
+            np.repeat(self.edge_patch, 2),
+            np.stack([ends[:, :2], ends[:, 1:]], axis=1).reshape(-1, 2),
+            self.curve,
+        )
+
     def _matrix(self, edge: np.ndarray, values: np.ndarray) -> sparse.csr_matrix:
         """Values (m, degree + 1) on edges as a matrix on all unknowns."""
         ends = np.arange(0, values.size + 1, self.degree + 1)
@@ -461,8 +496,3 @@ def _chosen(names: Sequence[str], faces: Sequence[str] | None, patch: np.ndarray
     check_faces(names, faces)
     wanted = [k for k, name in enumerate(names) if name in set(faces)]
     return np.flatnonzero(np.isin(patch, wanted))
-
-
-def edge_places(degree: int, ends: np.ndarray) -> np.ndarray:
-    """Parameters of the lattice's nodes on edges with the given (t, 2) ends, (t, degree + 1)."""
-    return ends @ (lattice(1, degree).T / degree)
