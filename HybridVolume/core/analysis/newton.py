@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""Newton's method with a line search for the minimum of a potential, and its linear systems."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+_STEPS = 60
+"""Of Newton's method."""
+_HALVINGS = 14
+"""Of one step of Newton's method."""
+_DECREASE = 1e-4
+"""Share of the decrease along the slope that a step has to reach (Armijo)."""
+_ROUNDING = 1e-13
+"""Of sums over all elements, relative."""
+_DIRECT = {2: 6000, 3: 600}
+"""Unknowns up to which systems are factorised each time, by the dimension."""
+_LINEAR = 1e-5
+"""Residual of a linear system that is left, relative."""
+_ROUNDS = 200
+"""Of conjugate gradients."""
+
+
+class Potential(Protocol):
+    """What can be minimised over (n, d) arrays."""
+
+    def value(self, u: np.ndarray) -> tuple[float, float]:
+        """The potential, and the sum of the sizes of its terms."""
+
+    def slope(self, u: np.ndarray) -> tuple[np.ndarray, float]:
+        """Its derivative, and the largest norm of the derivative's terms."""
+
+    def tangent(self, u: np.ndarray, projected: bool) -> sparse.csr_matrix:
+        """Its second derivative, or a positive matrix that is near it."""
+
+
+class Stalled(Exception):
+    """No minimum was found.
+
+    Attributes
+    ----------
+    residual : float
+        Relative, what is left.
+    """
+
+    def __init__(self, residual: float) -> None:
+        super().__init__(f"Newton's method stalls at a residual of {residual:.2g}")
+        self.residual = residual
+
+
+class Increments:
+    """Linear systems of Newton's method: direct, or conjugate gradients for many unknowns.
+
+    The preconditioner is the factorised matrix of a single component, used for each: it costs a
+    small part of the whole one's, and it stays good where the body turns.
+
+    Parameters
+    ----------
+    near : (n, n) sparse matrix
+        The scalar matrix.
+    free : (k,) int array
+        Unknowns that are not held.
+    dimension : int
+        Components of an unknown.
+    """
+
+    def __init__(self, near: sparse.csr_matrix, free: np.ndarray, dimension: int) -> None:
+        self.dimension = dimension
+        count = near.shape[0]
+        self.free = (free + count * np.arange(dimension)[:, None]).ravel()
+        self.diagonal = near.diagonal()
+        self._near = near[free][:, free].tocsc()
+        self._factor = None
+
+    def solve(self, matrix: sparse.csr_matrix, right: np.ndarray) -> tuple[np.ndarray, bool]:
+        """A step (n, d) against a slope (n, d), and whether the matrix was found positive."""
+        step = np.zeros(right.T.size)
+        inside = matrix if len(self.free) == len(step) else matrix[self.free][:, self.free]
+        wanted = right.T.ravel()[self.free]
+        if len(self.free) <= _DIRECT[self.dimension]:
+            try:
+                found = splu(inside.tocsc()).solve(wanted)
+            except RuntimeError:  # singular
+                found = wanted
+            positive = bool(np.isfinite(found).all() and found @ wanted > 0.0)
+        else:
+            found, positive = self._conjugate(inside, wanted)
+        step[self.free] = found
+        return step.reshape(right.T.shape).T, positive
+
+    def _precondition(self, residual: np.ndarray) -> np.ndarray:
+        if self._factor is None:
+            self._factor = splu(
+                self._near,
+                permc_spec="MMD_AT_PLUS_A",
+                diag_pivot_thresh=0.0,
+                options={"SymmetricMode": True},
+            )
+        parts = residual.reshape(self.dimension, -1).T
+        return np.ascontiguousarray(self._factor.solve(np.ascontiguousarray(parts)).T).ravel()
+
+    def _conjugate(self, matrix: sparse.csr_matrix, right: np.ndarray) -> tuple[np.ndarray, bool]:
+        """Conjugate gradients, which end where the matrix is not positive."""
+        found = np.zeros_like(right)
+        residual = right.copy()
+        along = seen = self._precondition(residual)
+        energy = residual @ seen
+        enough = _LINEAR * np.linalg.norm(right)
+        for _ in range(_ROUNDS):
+            pushed = matrix @ along
+            bend = along @ pushed
+            if not bend > 0.0:
+                return (found if found.any() else seen), False
+            step = energy / bend
+            found = found + step * along
+            residual = residual - step * pushed
+            if np.linalg.norm(residual) <= enough:
+                break
+            seen = self._precondition(residual)
+            energy, last = residual @ seen, energy
+            along = seen + energy / last * along
+        return found, True
+
+
+def minimum(
+    potential: Potential,
+    start: np.ndarray,
+    increments: Increments,
+    free: np.ndarray,
+    tolerance: float,
+) -> tuple[np.ndarray, int]:
+    """The minimum of a potential near a start, and the number of Newton's steps.
+
+    Parameters
+    ----------
+    potential : Potential
+    start : (n, d) array
+        Also has the values that are held.
+    increments : Increments
+    free : (k,) int array
+        Unknowns that are not held.
+    tolerance : float
+        Norm of the slope that is left, as a share of the largest of its terms.
+
+    Raises
+    ------
+    Stalled
+        There is none to be found from here.
+    """
+    u = start
+    value, size = potential.value(u)
+    projected = False
+    residual = np.inf
+    for iteration in range(_STEPS):
+        slope, scale = potential.slope(u)
+        held = np.zeros_like(slope)
+        held[free] = slope[free]
+        left = float(np.linalg.norm(held))
+        if not np.isfinite(left):
+            break
+        residual = left / max(scale, 1e-300)
+        if left <= tolerance * scale:
+            return u, iteration
+        step, positive = increments.solve(potential.tangent(u, projected), -held)
+        if not positive and not projected:
+            projected = True
+            step, positive = increments.solve(potential.tangent(u, True), -held)
+        decrease = -float((held * step).sum())
+        # what is left is rounding of the sums: no step can be told from none
+        if 0.0 < decrease <= _ROUNDING * size:
+            after = u + step
+            if np.linalg.norm(potential.slope(after)[0][free]) <= left:
+                u = after
+            return u, iteration + 1
+        found = _line(potential, u, step, value, decrease, size) if decrease > 0.0 else None
+        if found is None:
+            if projected:
+                break
+            projected = True
+            continue
+        u, value, size, length = found
+        # back to the tangent itself as soon as whole steps are taken
+        projected = projected and length < 1.0
+    raise Stalled(residual)
+
+
+def _line(
+    potential: Potential,
+    u: np.ndarray,
+    step: np.ndarray,
+    value: float,
+    decrease: float,
+    size: float,
+) -> tuple[np.ndarray, float, float, float] | None:
+    """The first of ever shorter steps that lowers the potential enough."""
+    length = 1.0
+    for _ in range(_HALVINGS):
+        after = u + length * step
+        lower, scale = potential.value(after)
+        if lower <= value - _DECREASE * length * decrease + _ROUNDING * max(size, scale):
+            return after, lower, scale, length
+        length *= 0.5
+    return None
