@@ -307,16 +307,31 @@ class PatchSurface:
         patch : (m,) int array
         u, v : (m,) arrays
         """
+        return self.basis_with_slopes(patch, u, v, 0)[0]
+
+    def basis_with_slopes(
+        self, patch: np.ndarray, u: np.ndarray, v: np.ndarray, derivative: int = 1
+    ) -> list[sparse.csr_matrix]:
+        """The same, and with ``derivative=1`` the derivatives along u and along v.
+
+        The matrices store the same entries in the same order, also where they are zero.
+        """
         number, place = self.stack_of
         rows, columns, values = [], [], []
         for k, stack in enumerate(self.stacks):
             chosen = np.flatnonzero(number[patch] == k)
-            pick, [(left, right)] = stack.basis(place[patch[chosen]], u[chosen], v[chosen])
-            rows.append(np.repeat(chosen, left.shape[1] * right.shape[1]))
+            at = place[patch[chosen]], u[chosen], v[chosen]
+            pick, pairs = stack.basis(*at, derivative)
+            size = pairs[0][0].shape[1] * pairs[0][1].shape[1]
+            rows.append(np.repeat(chosen, size))
             columns.append(stack.index[pick].ravel())
-            values.append((left[:, :, None] * right[:, None, :]).ravel())
-        data = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
-        return sparse.csr_matrix(data, shape=(len(patch), len(self.control_points)))
+            values.append([(a[:, :, None] * b[:, None, :]).ravel() for a, b in pairs])
+        shape = (len(patch), len(self.control_points))
+        where = np.concatenate(rows), np.concatenate(columns)
+        return [
+            sparse.csr_matrix((np.concatenate(part), where), shape=shape)
+            for part in zip(*values, strict=True)
+        ]
 
     @cached_property
     def stacks(self) -> list[Stack]:

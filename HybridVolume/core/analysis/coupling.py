@@ -150,9 +150,18 @@ class NitscheSpace:
 
     @cached_property
     def _jump(self) -> sparse.csr_matrix:
-        """The jump [u] at the interface's quadrature points, (m, size)."""
+        """The jump [u] at the interface's quadrature points, (m, size).
+
+        Of a curved interface core and shell have not quite the same points. The shell's value at
+        the core's is taken by a step along its gradient, so that no linear field jumps and rigid
+        motions have no energy.
+        """
         faces = self._faces
-        beside = self.spline.basis_at(faces.patch, faces.uv, faces.w)
+        place = faces.patch, faces.uv, faces.w
+        beside = self.spline.basis_at(*place)
+        step = faces.points - beside @ self.spline.control_points
+        for way, slope in zip(step.T, self.spline.gradients_at(*place), strict=True):
+            beside = beside + sparse.diags(way) @ slope
         return sparse.hstack([-beside, faces.values], format="csr")
 
     def _of_core(self, matrix: sparse.spmatrix) -> sparse.csr_matrix:

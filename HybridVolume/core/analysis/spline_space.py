@@ -199,19 +199,60 @@ class SplineSpace:
         w : (m,) array
             0 on the outer boundary, 1 on the inner one.
         """
-        along = self.shell.surface.basis_at(patch, *uv.T).tocsr()
+        return self._at(patch, uv, w, False)[0]
+
+    def gradients_at(
+        self, patch: np.ndarray, uv: np.ndarray, w: np.ndarray
+    ) -> tuple[sparse.csr_matrix, ...]:
+        """Derivatives of all unknowns' functions along x, y and z at m places.
+
+        Parameters as for :meth:`basis_at`.
+
+        Returns
+        -------
+        three (m, size) sparse matrices
+            1/mm
+        """
+        basis, *along = self._at(patch, uv, w, True)
+        slopes = np.stack([part.data for part in along], axis=1)
+        tangents = np.stack([part @ self.control_points for part in along], axis=1)
+        row = np.repeat(np.arange(len(w)), np.diff(basis.indptr))
+        # tangents are dx/dt, one in each row
+        found = np.einsum("ecd,ed->ec", np.linalg.inv(tangents)[row], slopes)
+        return tuple(
+            sparse.csr_matrix((part, basis.indices, basis.indptr), shape=basis.shape)
+            for part in np.ascontiguousarray(found.T)
+        )
+
+    def _at(
+        self, patch: np.ndarray, uv: np.ndarray, w: np.ndarray, derivative: bool
+    ) -> list[sparse.csr_matrix]:
+        """Functions, and their derivatives along u, v and w if wanted, with the same entries."""
+        along = self.shell.surface.basis_with_slopes(patch, *uv.T, int(derivative))
         first, across = bspline.basis_functions(self.shell.degree_w, self.knots_w, w)
-        inside = np.diff(along.indptr)
-        row = np.repeat(np.arange(len(w)), inside)
+        pointers = along[0].indptr
+        row = np.repeat(np.arange(len(w)), np.diff(pointers))
         layers = first[row][:, None] + np.arange(self.shell.degree_w + 1)
-        columns = layers * self.columns + along.indices[:, None]
+        columns = layers * self.columns + along[0].indices[:, None]
         weights = self.homogeneous.reshape(-1, 4)[columns, 3]
-        values = along.data[:, None] * across[row] * weights
-        total = np.bincount(row, values.sum(axis=1), len(w))
-        values /= total[row][:, None]
-        rows = np.broadcast_to(row[:, None], columns.shape)
-        data = values.ravel(), (rows.ravel(), columns.ravel())
-        return sparse.csr_matrix(data, shape=(len(w), self.size))
+        parts = [(part.data, across) for part in along]
+        if derivative:
+            _, steep = bspline.basis_functions(self.shell.degree_w, self.knots_w, w, 1)
+            parts.append((along[0].data, steep))
+        shape = (len(w), self.size)
+        starts = pointers * (self.shell.degree_w + 1)
+        made: list[np.ndarray] = []
+        totals: list[np.ndarray] = []
+        for data, through in parts:
+            made.append(data[:, None] * through[row] * weights)
+            totals.append(np.bincount(row, made[-1].sum(axis=1), len(w))[row][:, None])
+        # (w N / W)' = ((w N)' - w N / W W') / W
+        made[0] = made[0] / totals[0]
+        for k in range(1, len(made)):
+            made[k] = (made[k] - made[0] * totals[k]) / totals[0]
+        return [
+            sparse.csr_matrix((data.ravel(), columns.ravel(), starts), shape=shape) for data in made
+        ]
 
     def boundary_samples(
         self, faces: Sequence[str] | None = None, points: int | None = None
