@@ -20,6 +20,7 @@ FIGURES = {
     "shell": "shells of many bodies at many levels, and what is demanded of them",
     "quads": "quad meshes and cages: volumes, smoothness, limit surfaces, broken meshes",
     "fem": "finite element meshes: patch tests, sums of loads, accuracy",
+    "rates3d": "analysis in space: rates of errors on refined volumes, beside quadratic tets",
 }
 """What can be made again: modules of this package, with ``add_arguments`` and ``run``."""
 
