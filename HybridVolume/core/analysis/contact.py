@@ -127,8 +127,33 @@ class BoundContact:
 
     def tangent(self, displacement: np.ndarray) -> sparse.csr_matrix:
         """Derivative of the forces, (d size, d size), N/mm."""
-        touching = np.flatnonzero(self.depth(displacement) > 0.0)
+        return self._stiffness((self.depth(displacement) > 0.0).astype(float))
+
+    def forces_between(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        """Forces whose work between two displacements is the change of the energy, (size, d), N."""
+        pressure, _ = self._between(before, after)
+        push = self.values.T @ (self.measure * self.plane.stiffness * pressure)
+        return -push[:, None] * self.plane.normal
+
+    def tangent_between(self, before: np.ndarray, after: np.ndarray) -> sparse.csr_matrix:
+        """Derivative of :meth:`forces_between` by the later displacement, (d size, d size)."""
+        return self._stiffness(self._between(before, after)[1])
+
+    def _between(self, before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Difference quotients of depth² / 2 by the way into the plane, and their derivatives."""
+        first, last = (-(self.gap + self.values @ (u @ self.plane.normal)) for u in (before, after))
+        inside, end = np.maximum(first, 0.0), np.maximum(last, 0.0)
+        # where a point comes or goes the way is longer than the depth; elsewhere it cancels out
+        crossing = (first > 0.0) != (last > 0.0)
+        way = np.where(crossing, last - first, 1.0)
+        quotient = np.where(crossing, 0.5 * (end**2 - inside**2) / way, 0.5 * (inside + end))
+        both = np.where((first > 0.0) & (last > 0.0), 0.5, 0.0)
+        return quotient, np.where(crossing, (end - quotient) / way, both)
+
+    def _stiffness(self, share: np.ndarray) -> sparse.csr_matrix:
+        """Stiffness of points of which each has a share of the penalty's."""
+        touching = np.flatnonzero(share > 0.0)
         part = self.values[touching]
-        weight = sparse.diags(self.plane.stiffness * self.measure[touching])
+        weight = sparse.diags(self.plane.stiffness * (share * self.measure)[touching])
         normal = self.plane.normal
         return sparse.kron(np.outer(normal, normal), part.T @ weight @ part, format="csr")

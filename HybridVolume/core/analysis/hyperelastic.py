@@ -15,34 +15,18 @@ over the x components of all unknowns, then the y (and the z) components.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy import sparse
 
-from ...errors import FaultError, InputError
+from ...errors import InputError
 from ..recovery import Material
 from .assembly import Space, elastic, mass, stiffness
 from .coupling import CollocationSpace, NitscheSpace
+from .svk import SvkSide, Viscous, deformation_gradient, pairs
 
 LAWS = ("linear", "svk")
-
-
-@dataclass(frozen=True)
-class Viscous:
-    """A step in time over which the strain changes, for the viscous part of the stress.
-
-    Attributes
-    ----------
-    before : (size, d) array
-        Displacement at the start of the step, mm.
-    step : float
-        Its length, s.
-    """
-
-    before: np.ndarray
-    step: float
 
 
 class Hyperelastic:
@@ -202,14 +186,50 @@ class Hyperelastic:
             if viscous is not None and any(self.viscosity):
                 return (self._linear + self._damping / viscous.step).tocsr()
             return self._linear
-        d = self.dimension
-        parts = [side.tangent(displacement, viscous, projected) for side in self._blocks]
-        found = [sum(of[1:], of[0]) for of in zip(*parts, strict=True)]
-        blocks = dict(zip(_pairs(d), found, strict=True))
-        return sparse.bmat(
-            [[blocks[i, k] if i <= k else blocks[k, i].T for k in range(d)] for i in range(d)],
-            format="csr",
+        return _joined([side.tangent(displacement, viscous, projected) for side in self._blocks])
+
+    def forces_between(self, before: np.ndarray, after: np.ndarray, step: float) -> np.ndarray:
+        """Forces whose work from one displacement to another is the change of the energy, N.
+
+        F S with the mean of F and the mean of S at both ends (Simo and Tarnow 1992), which also
+        turn nothing: they keep angular momentum. With them goes the viscous part.
+
+        Parameters
+        ----------
+        before, after : (size, d) arrays
+            mm
+        step : float
+            Time between them, s.
+
+        Returns
+        -------
+        (size, d) array
+        """
+        if self.law == "linear":
+            flat = 0.5 * self._linear @ (before + after).T.ravel()
+            if any(self.viscosity):
+                flat = flat + self._damping @ (after - before).T.ravel() / step
+            return flat.reshape(self.dimension, -1).T
+        return sum(side.forces_between(before, after, step) for side in self._blocks)
+
+    def tangent_between(
+        self, before: np.ndarray, after: np.ndarray, step: float, *, projected: bool = False
+    ) -> sparse.csr_matrix:
+        """Near the derivative of :meth:`forces_between` by ``after``, symmetric, N/mm."""
+        if self.law == "linear":
+            if any(self.viscosity):
+                return (0.5 * self._linear + self._damping / step).tocsr()
+            return 0.5 * self._linear
+        return _joined(
+            [side.tangent_between(before, after, step, projected) for side in self._blocks]
         )
+
+    def dissipated(self, before: np.ndarray, after: np.ndarray, step: float) -> float:
+        """Energy that viscosity takes between two displacements, mJ: twice its potential."""
+        if self.law == "linear":
+            change = (after - before).T.ravel()
+            return float(change @ (self._damping @ change)) / step
+        return sum(side.dissipated(before, after, step) for side in self._blocks)
 
     def least_volumes(self, displacement: np.ndarray) -> list[np.ndarray]:
         """Smallest sampled det F of each element, negative where it is flipped.
@@ -230,7 +250,9 @@ class Hyperelastic:
             least = [np.zeros(0)]
             number = [np.zeros(0, dtype=np.int64)]
             for s in side.samples():
-                least.append(np.linalg.det(_gradient(s.gradients, local[s.unknowns])).min(axis=1))
+                least.append(
+                    np.linalg.det(deformation_gradient(s.gradients, local[s.unknowns])).min(axis=1)
+                )
                 number.append(np.asarray(s.element))
             order = np.argsort(np.concatenate(number), kind="stable")
             found.append(np.concatenate(least)[order])
@@ -253,185 +275,14 @@ class Hyperelastic:
         return sparse.csr_matrix(total)
 
     @cached_property
-    def _blocks(self) -> list[_Side]:
+    def _blocks(self) -> list[SvkSide]:
         """Gradients of all functions at all quadrature points, which are kept."""
         return [
-            _Side(*side, material, viscosity)
+            SvkSide(*side, material, viscosity)
             for side, material, viscosity in zip(
                 self._sides, self.materials, self.viscosity, strict=False
             )
         ]
-
-
-@dataclass(frozen=True)
-class _Block:
-    """Functions of some elements: unknowns, gradients as (ne, nq d, nl), measure, and the places of
-    products of two functions among the entries of the side's matrix."""
-
-    unknowns: np.ndarray
-    gradients: np.ndarray
-    measure: np.ndarray
-    slots: np.ndarray
-
-
-class _Side:
-    """St. Venant-Kirchhoff on one space, whose unknowns follow the coupled ones."""
-
-    def __init__(
-        self, space: Space, embedding: sparse.csr_matrix, material: Material, viscosity: float
-    ) -> None:
-        self.embedding = embedding
-        self.back = embedding.T.tocsr()
-        self.lame, self.shear, self.viscosity = material.lame, material.shear, viscosity
-        self.size = space.size
-        # slopes of straight linear simplices are the same everywhere
-        points = 1 if _is_linear(space) else None
-        sampled = [(s.unknowns, s.gradients, s.measure) for s in space.samples(points)]
-        self.pattern = _pattern([unknowns for unknowns, _, _ in sampled], self.size)
-        keys = self.size * np.repeat(np.arange(self.size), np.diff(self.pattern.indptr))
-        keys += self.pattern.indices
-        self.blocks = []
-        for unknowns, gradients, measure in sampled:
-            if not (np.isfinite(gradients).all() and (measure > 0.0).all()):
-                raise FaultError(
-                    "an element of the body is turned inside out or flat",
-                    figure=float(measure.min()),
-                    remedy="make the hybrid volume again",
-                )
-            ne, nq, d, nl = gradients.shape
-            pair = self.size * unknowns[:, :, None].astype(np.int64) + unknowns[:, None, :]
-            slots = np.searchsorted(keys, pair.ravel()).astype(np.int32)
-            self.blocks.append(
-                _Block(
-                    unknowns,
-                    np.ascontiguousarray(gradients.reshape(ne, nq * d, nl)),
-                    measure,
-                    slots,
-                )
-            )
-
-    def _strains(self, block: _Block, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """F and Green's strain at the quadrature points, (ne, nq, d, d) each."""
-        ne, nq = block.measure.shape
-        d = local.shape[1]
-        gradient = block.gradients @ local[block.unknowns]
-        deformation = np.swapaxes(gradient.reshape(ne, nq, d, d), 2, 3) + np.eye(d)
-        return deformation, _green(deformation)
-
-    def _change(self, block: _Block, viscous: Viscous | None, strain: np.ndarray) -> np.ndarray:
-        """Change of the strain over the step."""
-        return strain - self._strains(block, self.embedding @ viscous.before)[1]
-
-    def _stress(
-        self, block: _Block, viscous: Viscous | None, strain: np.ndarray
-    ) -> tuple[np.ndarray, float]:
-        """Second Piola-Kirchhoff stress, and the shear modulus that its derivative has."""
-        d = strain.shape[-1]
-        trace = np.trace(strain, axis1=2, axis2=3)
-        stress = 2.0 * self.shear * strain
-        stress[..., range(d), range(d)] += self.lame * trace[..., None]
-        if viscous is None or not self.viscosity:
-            return stress, self.shear
-        stress += self.viscosity / viscous.step * self._change(block, viscous, strain)
-        return stress, self.shear + 0.5 * self.viscosity / viscous.step
-
-    def energy(self, displacement: np.ndarray, viscous: Viscous | None) -> float:
-        local = self.embedding @ displacement
-        total = 0.0
-        for block in self.blocks:
-            _, strain = self._strains(block, local)
-            trace = np.trace(strain, axis1=2, axis2=3)
-            density = 0.5 * self.lame * trace**2 + self.shear * (strain**2).sum(axis=(2, 3))
-            if viscous is not None and self.viscosity:
-                change = self._change(block, viscous, strain)
-                density += 0.5 * self.viscosity / viscous.step * (change**2).sum(axis=(2, 3))
-            total += float((density * block.measure).sum())
-        return total
-
-    def forces(self, displacement: np.ndarray, viscous: Viscous | None) -> np.ndarray:
-        local = self.embedding @ displacement
-        total = np.zeros_like(local)
-        for block in self.blocks:
-            deformation, strain = self._strains(block, local)
-            stress, _ = self._stress(block, viscous, strain)
-            self._add(total, block, deformation @ stress)
-        return self.back @ total
-
-    def _add(self, total: np.ndarray, block: _Block, first: np.ndarray) -> None:
-        """Add the forces of first Piola-Kirchhoff stresses (ne, nq, d, d)."""
-        ne, nq, d, _ = first.shape
-        weighted = np.swapaxes(first * block.measure[..., None, None], 2, 3)
-        part = np.swapaxes(block.gradients, 1, 2) @ weighted.reshape(ne, nq * d, d)
-        rows = block.unknowns.ravel()
-        for c in range(d):
-            total[:, c] += np.bincount(rows, part[..., c].ravel(), self.size)
-
-    def tangent(
-        self, displacement: np.ndarray, viscous: Viscous | None, projected: bool
-    ) -> list[sparse.csr_matrix]:
-        """Blocks (i, k), i <= k, over the coupled unknowns."""
-        local = self.embedding @ displacement
-        d = local.shape[1]
-        data = np.zeros((len(_pairs(d)), self.pattern.nnz))
-        for block in self.blocks:
-            deformation, strain = self._strains(block, local)
-            stress, shear = self._stress(block, viscous, strain)
-            if projected:
-                stress = _positive(stress)
-            ne, nq = block.measure.shape
-            slopes = block.gradients.reshape(ne, nq, d, -1)
-            turned = np.swapaxes(block.gradients, 1, 2)
-            for row, (i, k) in enumerate(_pairs(d)):
-                moduli = _moduli(deformation, stress, self.lame, shear, i, k)
-                moduli *= block.measure[..., None, None]
-                part = np.empty_like(slopes)
-                for a in range(d):
-                    part[:, :, a] = sum(
-                        moduli[:, :, a, b, None] * slopes[:, :, b] for b in range(d)
-                    )
-                values = turned @ part.reshape(block.gradients.shape)
-                data[row] += np.bincount(block.slots, values.ravel(), self.pattern.nnz)
-        shape, indices, indptr = self.pattern.shape, self.pattern.indices, self.pattern.indptr
-        return [
-            self.back @ sparse.csr_matrix((values, indices, indptr), shape) @ self.embedding
-            for values in data
-        ]
-
-
-def _moduli(
-    deformation: np.ndarray, stress: np.ndarray, lame: float, shear: float, i: int, k: int
-) -> np.ndarray:
-    """Derivative of P_iJ = (F S)_iJ by F_kL, (ne, nq, J, L)."""
-    a, b = deformation[:, :, i], deformation[:, :, k]
-    found = lame * a[..., :, None] * b[..., None, :] + shear * b[..., :, None] * a[..., None, :]
-    d = deformation.shape[-1]
-    found[..., range(d), range(d)] += shear * (a * b).sum(axis=-1, keepdims=True)
-    if i == k:
-        found += stress
-    return found
-
-
-def _positive(stress: np.ndarray) -> np.ndarray:
-    """Symmetric tensors without their negative principal parts."""
-    values, vectors = np.linalg.eigh(stress)
-    return (vectors * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2)
-
-
-def _gradient(gradients: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """F of samples' gradients (ne, nq, d, nl) and displacements (ne, nl, d), (ne, nq, d, d)."""
-    ne, nq, d, nl = gradients.shape
-    found = (gradients.reshape(ne, nq * d, nl) @ values).reshape(ne, nq, d, d)
-    return np.swapaxes(found, 2, 3) + np.eye(d)
-
-
-def _green(deformation: np.ndarray) -> np.ndarray:
-    """Green's strain of F."""
-    d = deformation.shape[-1]
-    return 0.5 * (np.swapaxes(deformation, -1, -2) @ deformation - np.eye(d))
-
-
-def _pairs(d: int) -> list[tuple[int, int]]:
-    return [(i, k) for i in range(d) for k in range(i, d)]
 
 
 def _pair(given: object) -> tuple:
@@ -457,18 +308,12 @@ def _sides(space: object) -> list[tuple[Space, sparse.csr_matrix]]:
     return [(space.spline, whole[:count]), (space.tets, whole[count:])]
 
 
-def _is_linear(space: object) -> bool:
-    return getattr(space, "degree", None) == 1 and hasattr(space, "nodes")
-
-
-def _pattern(unknowns: Sequence[np.ndarray], size: int) -> sparse.csr_matrix:
-    """Where products of two functions of one element stand, with sorted columns."""
-    rows = [np.repeat(np.arange(len(part)), part.shape[1]) for part in unknowns]
-    found = sparse.csr_matrix((size, size))
-    for row, part in zip(rows, unknowns, strict=True):
-        ones = np.ones(row.size)
-        incidence = sparse.csr_matrix((ones, (row, part.ravel())), shape=(len(part), size))
-        found = found + incidence.T @ incidence
-    found = found.tocsr()
-    found.sort_indices()
-    return found
+def _joined(parts: Sequence[Sequence[sparse.csr_matrix]]) -> sparse.csr_matrix:
+    """The matrix of blocks (i, k), i <= k, that the parts of a body give."""
+    found = [sum(of[1:], of[0]) for of in zip(*parts, strict=True)]
+    d = {1: 1, 3: 2, 6: 3}[len(found)]
+    blocks = dict(zip(pairs(d), found, strict=True))
+    return sparse.bmat(
+        [[blocks[i, k] if i <= k else blocks[k, i].T for k in range(d)] for i in range(d)],
+        format="csr",
+    )

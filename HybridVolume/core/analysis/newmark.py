@@ -15,6 +15,12 @@ damping; a larger gamma damps.
 *Midpoint*: p = u + h v / 2 and beta = 1/4; P has its minimum at the middle of the step, and the end
 is as far again. Of second order; it keeps linear and angular momentum of bodies that move freely
 to rounding, also where they are turned and stretched far.
+
+Neither keeps the energy of large strains and of hard impacts: it can grow there without bound.
+*Conserving* (Simo and Tarnow, Z. angew. Math. Phys. 43, 1992): the midpoint rule with the mean
+stress of both ends, and with the difference quotient of the contact's energy. Its forces do
+exactly the work that changes the energies, so the total energy is kept as well, at any step. It is
+no minimum, and is found as a balance of forces.
 """
 
 from __future__ import annotations
@@ -30,12 +36,13 @@ from scipy.sparse.linalg import splu
 from ...errors import FaultError, InputError
 from .boundary import boundary_projection
 from .contact import BoundContact, PlaneContact
-from .hyperelastic import Hyperelastic, Viscous
-from .newton import Increments, Stalled, minimum
+from .hyperelastic import Hyperelastic
+from .newton import Increments, Stalled, balanced, minimum
+from .svk import Viscous
 
 logger = logging.getLogger(__name__)
 
-RULES = ("newmark", "midpoint")
+RULES = ("newmark", "midpoint", "conserving")
 
 _HALVINGS = 8
 """How often a step may be halved."""
@@ -104,7 +111,7 @@ class Newmark:
     contacts : sequence of PlaneContact
     fixed : sequence of str
         CAD faces that stay where they are.
-    rule : {"newmark", "midpoint"}
+    rule : {"newmark", "midpoint", "conserving"}
     beta, gamma : float
         Of Newmark's rule.
     tolerance : float
@@ -130,7 +137,7 @@ class Newmark:
         tolerance: float = 1e-9,
     ) -> None:
         if rule not in RULES:
-            raise InputError(f"rule {rule!r}", remedy=f"choose {' or '.join(RULES)}")
+            raise InputError(f"rule {rule!r}", remedy=f"choose one of {', '.join(RULES)}")
         if not 0.0 < step < np.inf:
             raise InputError(f"time step {step} s", remedy="give one above 0")
         if not (0.0 < beta <= 1.0 and 0.5 <= gamma <= 1.0):
@@ -257,6 +264,8 @@ class Newmark:
 
     def _once(self, motion: Motion, step: float) -> Motion:
         """One step of a rule."""
+        if self.rule == "conserving":
+            return self._kept(motion, step)
         u, v, a = motion.displacement, motion.velocity, motion.acceleration
         midpoint = self.rule == "midpoint"
         predicted = u + 0.5 * step * v if midpoint else u + step * v
@@ -272,7 +281,7 @@ class Newmark:
         push = potential.inertia * (found - predicted)
         dissipated = motion.dissipated
         if viscous is not None:
-            lost = 2.0 * (self.body.energy(found, viscous) - self.body.energy(found))
+            lost = self.body.dissipated(u, found, viscous.step)
             dissipated += 2.0 * lost if midpoint else lost
         if midpoint:
             return Motion(
@@ -289,6 +298,24 @@ class Newmark:
             v + step * ((1.0 - self.gamma) * a + self.gamma * push),
             push,
             dissipated,
+            iterations,
+        )
+
+    def _kept(self, motion: Motion, step: float) -> Motion:
+        """One step that keeps the energy."""
+        u, v = motion.displacement, motion.velocity
+        forces = _Conserving(self, motion, step)
+        found, iterations = balanced(
+            forces, u + step * v, self._solver(step), self._free, self.tolerance
+        )
+        after = 2.0 / step * (found - u) - v
+        lost = self.body.dissipated(u, found, step) if any(self.body.viscosity) else 0.0
+        return Motion(
+            motion.time + step,
+            found,
+            after,
+            (after - v) / step,
+            motion.dissipated + lost,
             iterations,
         )
 
@@ -342,4 +369,35 @@ class _Potential:
         total = total + body.tangent(u, self.viscous, projected=projected)
         for contact in self.rule.contacts:
             total = total + contact.tangent(u)
+        return total.tocsr()
+
+
+class _Conserving:
+    """Forces of one step whose work is the change of the energies."""
+
+    def __init__(self, rule: Newmark, start: Motion, step: float) -> None:
+        self.rule = rule
+        self.before = start.displacement
+        self.predicted = start.displacement + step * start.velocity
+        self.step = step
+
+    def slope(self, u: np.ndarray) -> tuple[np.ndarray, float]:
+        """Sum of the forces, (size, d), and the largest norm of its terms, N."""
+        rule = self.rule
+        terms = [
+            2.0 / self.step**2 * (rule.body.mass @ (u - self.predicted)),
+            rule.body.forces_between(self.before, u, self.step),
+            *(contact.forces_between(self.before, u) for contact in rule.contacts),
+            -rule.load,
+        ]
+        return sum(terms), max(float(np.linalg.norm(term)) for term in terms)
+
+    def tangent(self, u: np.ndarray, projected: bool) -> sparse.csr_matrix:
+        """Near their derivative, (d size, d size)."""
+        body = self.rule.body
+        inertia = 2.0 / self.step**2 * body.mass
+        total = sparse.kron(sparse.identity(body.dimension), inertia, "csr")
+        total = total + body.tangent_between(self.before, u, self.step, projected=projected)
+        for contact in self.rule.contacts:
+            total = total + contact.tangent_between(self.before, u)
         return total.tocsr()

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""Newton's method with a line search for the minimum of a potential, and its linear systems."""
+"""Newton's method with a line search, for minima of potentials and for balances of forces, and its
+linear systems."""
 
 from __future__ import annotations
 
@@ -14,6 +15,8 @@ _STEPS = 60
 """Of Newton's method."""
 _HALVINGS = 14
 """Of one step of Newton's method."""
+_SHORTEST = 2.0**-8
+"""Share of a step that is still tried where there is no potential."""
 _DECREASE = 1e-4
 """Share of the decrease along the slope that a step has to reach (Armijo)."""
 _ROUNDING = 1e-13
@@ -37,6 +40,16 @@ class Potential(Protocol):
 
     def tangent(self, u: np.ndarray, projected: bool) -> sparse.csr_matrix:
         """Its second derivative, or a positive matrix that is near it."""
+
+
+class Balance(Protocol):
+    """Forces over (n, d) arrays that have to vanish, and are no potential's."""
+
+    def slope(self, u: np.ndarray) -> tuple[np.ndarray, float]:
+        """The forces, and the largest norm of their terms."""
+
+    def tangent(self, u: np.ndarray, projected: bool) -> sparse.csr_matrix:
+        """A symmetric matrix near their derivative, or a positive one."""
 
 
 class Stalled(Exception):
@@ -187,6 +200,44 @@ def minimum(
         # back to the tangent itself as soon as whole steps are taken
         projected = projected and length < 1.0
     raise Stalled(residual)
+
+
+def balanced(
+    forces: Balance,
+    start: np.ndarray,
+    increments: Increments,
+    free: np.ndarray,
+    tolerance: float,
+) -> tuple[np.ndarray, int]:
+    """Where forces vanish near a start; parameters, result and errors are those of `minimum`."""
+
+    def at(u: np.ndarray) -> tuple[np.ndarray, float, float]:
+        slope, scale = forces.slope(u)
+        held = np.zeros_like(slope)
+        held[free] = slope[free]
+        return held, float(np.linalg.norm(held)), scale
+
+    u = start
+    held, left, scale = at(u)
+    projected = False
+    for iteration in range(_STEPS):
+        if left <= tolerance * scale:
+            return u, iteration
+        step, positive = increments.solve(forces.tangent(u, projected), -held)
+        length = 1.0 if positive else 0.0
+        while length >= _SHORTEST:
+            after = at(u + length * step)
+            if after[1] <= (1.0 - _DECREASE * length) * left:
+                break
+            length *= 0.5
+        if length < _SHORTEST:
+            if projected:
+                break
+            projected = True
+            continue
+        u, (held, left, scale) = u + length * step, after
+        projected = projected and length < 1.0
+    raise Stalled(left / max(scale, 1e-300))
 
 
 def _line(

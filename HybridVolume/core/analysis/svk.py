@@ -1,0 +1,275 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""St. Venant-Kirchhoff's material on one space: sums over all its elements by batched products.
+
+W = lambda / 2 (tr E)² + mu E : E with Green's strain E = (F'F - 1) / 2, its derivative P = F S with
+S = lambda tr E + 2 mu E, and dP_iJ / dF_kL = d_ik S_JL + lambda F_iJ F_kL + mu (F_iL F_kJ
++ d_JL (FF')_ik).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from ...errors import FaultError
+from ..recovery import Material
+from .assembly import Space
+
+
+@dataclass(frozen=True)
+class Viscous:
+    """A step in time over which the strain changes, for the viscous part of the stress.
+
+    Attributes
+    ----------
+    before : (size, d) array
+        Displacement at the start of the step, mm.
+    step : float
+        Its length, s.
+    """
+
+    before: np.ndarray
+    step: float
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Functions of some elements: unknowns, gradients as (ne, nq d, nl), measure, and the places of
+    products of two functions among the entries of the side's matrix."""
+
+    unknowns: np.ndarray
+    gradients: np.ndarray
+    measure: np.ndarray
+    slots: np.ndarray
+
+
+class SvkSide:
+    """St. Venant-Kirchhoff on one space, whose unknowns follow the coupled ones."""
+
+    def __init__(
+        self, space: Space, embedding: sparse.csr_matrix, material: Material, viscosity: float
+    ) -> None:
+        self.embedding = embedding
+        self.back = embedding.T.tocsr()
+        self.lame, self.shear, self.viscosity = material.lame, material.shear, viscosity
+        self.size, self.dimension = space.size, space.dimension
+        # slopes of straight linear simplices are the same everywhere
+        points = 1 if _is_linear(space) else None
+        sampled = [(s.unknowns, s.gradients, s.measure) for s in space.samples(points)]
+        self.pattern = _pattern([unknowns for unknowns, _, _ in sampled], self.size)
+        keys = self.size * np.repeat(np.arange(self.size), np.diff(self.pattern.indptr))
+        keys += self.pattern.indices
+        self.blocks = []
+        for unknowns, gradients, measure in sampled:
+            if not (np.isfinite(gradients).all() and (measure > 0.0).all()):
+                raise FaultError(
+                    "an element of the body is turned inside out or flat",
+                    figure=float(measure.min()),
+                    remedy="make the hybrid volume again",
+                )
+            ne, nq, d, nl = gradients.shape
+            pair = self.size * unknowns[:, :, None].astype(np.int64) + unknowns[:, None, :]
+            slots = np.searchsorted(keys, pair.ravel()).astype(np.int32)
+            self.blocks.append(
+                _Block(
+                    unknowns,
+                    np.ascontiguousarray(gradients.reshape(ne, nq * d, nl)),
+                    measure,
+                    slots,
+                )
+            )
+
+    def _strains(self, block: _Block, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """F and Green's strain at the quadrature points, (ne, nq, d, d) each."""
+        ne, nq = block.measure.shape
+        d = local.shape[1]
+        gradient = block.gradients @ local[block.unknowns]
+        deformation = np.swapaxes(gradient.reshape(ne, nq, d, d), 2, 3) + np.eye(d)
+        return deformation, _green(deformation)
+
+    def _hooke(self, strain: np.ndarray) -> np.ndarray:
+        """Stress without its viscous part."""
+        stress = 2.0 * self.shear * strain
+        trace = np.trace(strain, axis1=2, axis2=3)
+        stress[..., range(self.dimension), range(self.dimension)] += self.lame * trace[..., None]
+        return stress
+
+    def _change(self, block: _Block, viscous: Viscous | None, strain: np.ndarray) -> np.ndarray:
+        """Change of the strain over the step."""
+        return strain - self._strains(block, self.embedding @ viscous.before)[1]
+
+    def _stress(
+        self, block: _Block, viscous: Viscous | None, strain: np.ndarray
+    ) -> tuple[np.ndarray, float]:
+        """Second Piola-Kirchhoff stress, and the shear modulus that its derivative has."""
+        stress = self._hooke(strain)
+        if viscous is None or not self.viscosity:
+            return stress, self.shear
+        stress += self.viscosity / viscous.step * self._change(block, viscous, strain)
+        return stress, self.shear + 0.5 * self.viscosity / viscous.step
+
+    def energy(self, displacement: np.ndarray, viscous: Viscous | None) -> float:
+        """See `Hyperelastic.energy`."""
+        local = self.embedding @ displacement
+        total = 0.0
+        for block in self.blocks:
+            _, strain = self._strains(block, local)
+            trace = np.trace(strain, axis1=2, axis2=3)
+            density = 0.5 * self.lame * trace**2 + self.shear * (strain**2).sum(axis=(2, 3))
+            if viscous is not None and self.viscosity:
+                change = self._change(block, viscous, strain)
+                density += 0.5 * self.viscosity / viscous.step * (change**2).sum(axis=(2, 3))
+            total += float((density * block.measure).sum())
+        return total
+
+    def forces(self, displacement: np.ndarray, viscous: Viscous | None) -> np.ndarray:
+        """See `Hyperelastic.forces`."""
+        local = self.embedding @ displacement
+        total = np.zeros_like(local)
+        for block in self.blocks:
+            deformation, strain = self._strains(block, local)
+            stress, _ = self._stress(block, viscous, strain)
+            self._add(total, block, deformation @ stress)
+        return self.back @ total
+
+    def _add(self, total: np.ndarray, block: _Block, first: np.ndarray) -> None:
+        """Add the forces of first Piola-Kirchhoff stresses (ne, nq, d, d)."""
+        ne, nq, d, _ = first.shape
+        weighted = np.swapaxes(first * block.measure[..., None, None], 2, 3)
+        part = np.swapaxes(block.gradients, 1, 2) @ weighted.reshape(ne, nq * d, d)
+        rows = block.unknowns.ravel()
+        for c in range(d):
+            total[:, c] += np.bincount(rows, part[..., c].ravel(), self.size)
+
+    def tangent(
+        self, displacement: np.ndarray, viscous: Viscous | None, projected: bool
+    ) -> list[sparse.csr_matrix]:
+        """Blocks (i, k), i <= k, of the derivative of the forces, over the coupled unknowns."""
+        local = self.embedding @ displacement
+
+        def state(block: _Block) -> tuple[np.ndarray, np.ndarray, float]:
+            deformation, strain = self._strains(block, local)
+            return (deformation, *self._stress(block, viscous, strain))
+
+        return self._assembled(state, projected)
+
+    def _between(
+        self, block: _Block, before: np.ndarray, after: np.ndarray, step: float
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """Mean F, the stress that does the work of the change of energy, and its shear modulus."""
+        (first, strain), (last, end) = (self._strains(block, u) for u in (before, after))
+        stress = self._hooke(0.5 * (strain + end)) + self.viscosity / step * (end - strain)
+        return 0.5 * (first + last), stress, self.shear + self.viscosity / step
+
+    def forces_between(self, before: np.ndarray, after: np.ndarray, step: float) -> np.ndarray:
+        """Forces whose work from one displacement to the other is the change of the energy."""
+        before, after = self.embedding @ before, self.embedding @ after
+        total = np.zeros_like(before)
+        for block in self.blocks:
+            deformation, stress, _ = self._between(block, before, after, step)
+            self._add(total, block, deformation @ stress)
+        return self.back @ total
+
+    def tangent_between(
+        self, before: np.ndarray, after: np.ndarray, step: float, projected: bool
+    ) -> list[sparse.csr_matrix]:
+        """Near the derivative of :meth:`forces_between` by the later displacement; symmetric."""
+        before, after = self.embedding @ before, self.embedding @ after
+        blocks = self._assembled(lambda b: self._between(b, before, after, step), projected)
+        return [0.5 * block for block in blocks]
+
+    def dissipated(self, before: np.ndarray, after: np.ndarray, step: float) -> float:
+        """Energy that viscosity takes over a step, mJ."""
+        if not self.viscosity:
+            return 0.0
+        before, after = self.embedding @ before, self.embedding @ after
+        total = 0.0
+        for block in self.blocks:
+            change = self._strains(block, after)[1] - self._strains(block, before)[1]
+            total += float(((change**2).sum(axis=(2, 3)) * block.measure).sum())
+        return self.viscosity / step * total
+
+    def _assembled(self, state: Callable, projected: bool) -> list[sparse.csr_matrix]:
+        """Stiffness of F, S and a shear modulus that ``state`` gives for each block."""
+        d = self.dimension
+        data = np.zeros((len(pairs(d)), self.pattern.nnz))
+        for block in self.blocks:
+            deformation, stress, shear = state(block)
+            if projected:
+                stress = _positive(stress)
+            ne, nq = block.measure.shape
+            slopes = block.gradients.reshape(ne, nq, d, -1)
+            turned = np.swapaxes(block.gradients, 1, 2)
+            part = np.empty_like(slopes)
+            for row, (i, k) in enumerate(pairs(d)):
+                moduli = _moduli(deformation, stress, self.lame, shear, i, k)
+                moduli *= block.measure[..., None, None]
+                for a in range(d):
+                    np.multiply(moduli[:, :, a, 0, None], slopes[:, :, 0], out=part[:, :, a])
+                    for b in range(1, d):
+                        part[:, :, a] += moduli[:, :, a, b, None] * slopes[:, :, b]
+                values = turned @ part.reshape(block.gradients.shape)
+                data[row] += np.bincount(block.slots, values.ravel(), self.pattern.nnz)
+        shape, indices, indptr = self.pattern.shape, self.pattern.indices, self.pattern.indptr
+        return [
+            self.back @ sparse.csr_matrix((values, indices, indptr), shape) @ self.embedding
+            for values in data
+        ]
+
+
+def _moduli(
+    deformation: np.ndarray, stress: np.ndarray, lame: float, shear: float, i: int, k: int
+) -> np.ndarray:
+    """Derivative of P_iJ = (F S)_iJ by F_kL, (ne, nq, J, L)."""
+    a, b = deformation[:, :, i], deformation[:, :, k]
+    found = lame * a[..., :, None] * b[..., None, :] + shear * b[..., :, None] * a[..., None, :]
+    d = deformation.shape[-1]
+    found[..., range(d), range(d)] += shear * (a * b).sum(axis=-1, keepdims=True)
+    if i == k:
+        found += stress
+    return found
+
+
+def _positive(stress: np.ndarray) -> np.ndarray:
+    """Symmetric tensors without their negative principal parts."""
+    values, vectors = np.linalg.eigh(stress)
+    return (vectors * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+
+
+def deformation_gradient(gradients: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """F of samples' gradients (ne, nq, d, nl) and displacements (ne, nl, d), (ne, nq, d, d)."""
+    ne, nq, d, nl = gradients.shape
+    found = (gradients.reshape(ne, nq * d, nl) @ values).reshape(ne, nq, d, d)
+    return np.swapaxes(found, 2, 3) + np.eye(d)
+
+
+def _green(deformation: np.ndarray) -> np.ndarray:
+    """Green's strain of F."""
+    d = deformation.shape[-1]
+    return 0.5 * (np.swapaxes(deformation, -1, -2) @ deformation - np.eye(d))
+
+
+def pairs(d: int) -> list[tuple[int, int]]:
+    """Components (i, k) with i <= k, in the order of the blocks of a tangent."""
+    return [(i, k) for i in range(d) for k in range(i, d)]
+
+
+def _is_linear(space: object) -> bool:
+    return getattr(space, "degree", None) == 1 and hasattr(space, "nodes")
+
+
+def _pattern(unknowns: Sequence[np.ndarray], size: int) -> sparse.csr_matrix:
+    """Where products of two functions of one element stand, with sorted columns."""
+    rows = [np.repeat(np.arange(len(part)), part.shape[1]) for part in unknowns]
+    found = sparse.csr_matrix((size, size))
+    for row, part in zip(rows, unknowns, strict=True):
+        ones = np.ones(row.size)
+        incidence = sparse.csr_matrix((ones, (row, part.ravel())), shape=(len(part), size))
+        found = found + incidence.T @ incidence
+    found = found.tocsr()
+    found.sort_indices()
+    return found
