@@ -13,6 +13,7 @@ What macros and scripts use::
     mesh = HybridVolume.to_fem(volume, FreeCAD.ActiveDocument)
     finer = HybridVolume.remesh(volume, size=1.0, face_sizes={"Face3": 0.2})
     HybridVolume.export_mesh(volume, "fandisk.med")      # or .inp, .unv, .msh, .vtu
+    HybridVolume.export_shell(volume, "fandisk.mesh")    # MFEM; .xml: G+Smo; the core beside it
 
     cage = HybridVolume.import_mesh("fish.obj", scheme="catmull-clark")[0]    # keeps its mesh
     cage.Scheme = "smooth"
@@ -37,6 +38,7 @@ _FUNCTIONS = {
     "edit_midstructure": "scripting",
     "edit_volume": "scripting",
     "export_mesh": "scripting_fem",
+    "export_shell": "scripting_fem",
     "export_step": "scripting_fem",
     "find_midstructure": "scripting",
     "import_mesh": "scripting",

@@ -23,6 +23,7 @@ from HybridVolume.job import (
     EXPORTS,
     MESH_EXPORTS,
     REPORT_FILE,
+    SHELL_EXPORTS,
     SURFACE_EXPORTS,
     Job,
     Progress,
@@ -343,7 +344,12 @@ class _Writer:
         self._screen = screen
         self._python = python
         self._bodies = bodies
-        self._exports = (*EXPORTS, "pictures") if options.pictures else EXPORTS
+        shells = [name for name in dict.fromkeys(options.export) if name in SHELL_EXPORTS]
+        self._exports = (
+            *EXPORTS,
+            *(("pictures",) if options.pictures else ()),
+            *((*shells, "core") if shells else ()),
+        )
         self._prepared: list[Any] = []
         self._document_seconds = 0.0
 
@@ -431,6 +437,9 @@ class _Writer:
                 for file in job.exported_files(export):
                     file.rename(self._output.files / file.name)
             for name in dict.fromkeys(self._options.export):
+                if name in SHELL_EXPORTS:
+                    # the worker wrote it
+                    continue
                 file = {**MESH_EXPORTS, **SURFACE_EXPORTS}[name].format(body.name)
                 self._screen.progress(body.name, Progress("exports", 0.97, f"writing {file}"))
                 if name in SURFACE_EXPORTS:

@@ -33,6 +33,7 @@ from HybridVolume.protocol import (
     PROTOCOL,
     REPORT_FILE,
     RESULT_FILE,
+    SHELL_EXPORTS,
     SURFACE_EXPORTS,
     SURFACE_FILE,
     VOLUME_FILE,
@@ -64,6 +65,7 @@ __all__ = [
     "PROTOCOL",
     "REPORT_FILE",
     "RESULT_FILE",
+    "SHELL_EXPORTS",
     "SURFACE_EXPORTS",
     "SURFACE_FILE",
     "VOLUME_FILE",
@@ -101,7 +103,7 @@ class Job:
     volume : HybridVolume or path, optional
         Of the goal mesh: the volume whose shell is kept, or the file that it is stored in. Of the
         options only those of the mesh count: ``order``, ``engine`` and the fields of ``density``.
-    exports : sequence of {"vtu", "inp", "png", "pictures"}
+    exports : sequence of {"vtu", "inp", "png", "pictures", "mfem", "gismo", "core"}
         Only of the goals volume and mesh, the latter without pictures.
     elements : {"wedges", "hex20"}
         What the shell consists of in NAME.inp.

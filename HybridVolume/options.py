@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 import HybridVolume
 from HybridVolume.errors import InputError
-from HybridVolume.job import ELEMENTS, MESH_EXPORTS, SURFACE_EXPORTS
+from HybridVolume.job import ELEMENTS, MESH_EXPORTS, SHELL_EXPORTS, SURFACE_EXPORTS
 
 GEOMETRY_SUFFIXES = (".step", ".stp", ".brep", ".brp")
 
@@ -156,7 +156,7 @@ def _face_size(text: str) -> str:
 
 def _formats(text: str) -> list[str]:
     names = [name.strip().lower() for name in text.split(",")]
-    known = (*MESH_EXPORTS, *SURFACE_EXPORTS)
+    known = (*MESH_EXPORTS, *SURFACE_EXPORTS, *SHELL_EXPORTS)
     for name in names:
         if name not in known:
             raise argparse.ArgumentTypeError(
@@ -493,5 +493,6 @@ def _add_mesh(p: Parser) -> None:
         default=[],
         metavar="LIST",
         help="further files: of the mesh unv, med, msh (Gmsh 4.1) and vtu (NAME_fem.vtu), of the "
-        "body's surface step (NAME_surface.step), e.g. unv,msh,step",
+        "body's surface step (NAME_surface.step), of the shell mfem (NAME.mesh) and gismo "
+        "(NAME.xml) with NAME_core.msh and NAME_interface.csv, e.g. unv,msh,step",
     )

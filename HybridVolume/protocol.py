@@ -46,6 +46,10 @@ MESH_EXPORTS = {"unv": "{}.unv", "med": "{}.med", "msh": "{}.msh", "vtu": "{}_fe
 them: not all wheels of the worker can."""
 SURFACE_EXPORTS = {"step": "{}_surface.step"}
 """Files of the surface itself, by the words of ``--export``: the faces of the body, untrimmed."""
+SHELL_EXPORTS = {"mfem": "{}.mesh", "gismo": "{}.xml"}
+"""Files of the shell for solvers that know splines, by the words of ``--export``; the export
+``core`` writes :data:`CORE_FILES` beside them."""
+CORE_FILES = ("{}_core.msh", "{}_interface.csv", "{}_interface_triangles.csv")
 PICTURES = (
     *("field", "columns", "shell", "level", "thickness", "histogram", "worst"),
     "fem_histogram",
@@ -54,7 +58,10 @@ PICTURES = (
 ELEMENTS = ("wedges", "hex20")
 """Elements of the shell in NAME.inp."""
 
-_EXPORTS = {"volume": (*EXPORTS, "pictures"), "mesh": EXPORTS}
+_EXPORTS = {
+    "volume": (*EXPORTS, "pictures", *SHELL_EXPORTS, "core"),
+    "mesh": (*EXPORTS, *SHELL_EXPORTS, "core"),
+}
 """What a worker can write, by the goal; pictures show the field, which a stored volume lacks."""
 
 
@@ -88,8 +95,12 @@ def exported_files(name: str, export: str) -> list[str]:
     ----------
     name : str
         Stem of the files.
-    export : {"vtu", "inp", "png", "pictures"}
+    export : {"vtu", "inp", "png", "pictures", "mfem", "gismo", "core"}
     """
+    if export in SHELL_EXPORTS:
+        return [SHELL_EXPORTS[export].format(name)]
+    if export == "core":
+        return [file.format(name) for file in CORE_FILES]
     if export == "pictures":
         return [f"{name}_{picture}.png" for picture in PICTURES]
     return [f"{name}.{export}"]

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from HybridVolume.job import Progress
@@ -124,6 +125,48 @@ def export_mesh(volume_or_object: Any, path: str | os.PathLike) -> None:
 
         mesh = stored_mesh(mesh)
     write_mesh(path, mesh)
+
+
+def export_shell(volume_or_object: Any, path: str | os.PathLike, *, degree: int = 2) -> list[Path]:
+    """Write a hybrid volume for solvers that know splines: the shell, and the core beside it.
+
+    Beside NAME.mesh or NAME.xml there will be NAME_core.msh (Gmsh 2.2, curved tetrahedra),
+    NAME_interface.csv (the patch and parameters where each node of the interface lies on the
+    shell) and NAME_interface_triangles.csv (the same for the corners of each triangle there).
+
+    Parameters
+    ----------
+    volume_or_object : HybridVolume or App.DocumentObject
+        An object is a hybrid volume, one of its parts, or the body it was made of.
+    path : path
+        ``.mesh`` (MFEM NURBS mesh v1.0; boundary attributes are the CAD faces and the interface,
+        their names are comments) or ``.xml`` (G+Smo multipatch with interfaces; a boundary for
+        each CAD face). Lengths are mm.
+    degree : {1, 2, 3}
+        Of the core's tetrahedra.
+
+    Returns
+    -------
+    list of Path
+        The files.
+
+    Raises
+    ------
+    InputError
+        No format has this ending, the object has no result, or the core has no valid curved
+        tetrahedra of this degree.
+    OSError
+        The place cannot be written.
+    """
+    from HybridVolume.exports.solver_files import check_shell_format, write_solver_files
+
+    check_shell_format(path, degree)
+    volume = volume_or_object
+    if hasattr(volume, "Document"):
+        from HybridVolume.objects.stored_mesh import stored_volume
+
+        volume = stored_volume(volume)
+    return write_solver_files(path, volume, degree)
 
 
 def export_step(body: Any, path: str | os.PathLike) -> None:

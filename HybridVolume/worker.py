@@ -168,8 +168,8 @@ def _write(folder: Path, task: dict, volume: HybridVolume, watch: Stopwatch) -> 
     for number, export in enumerate(task["exports"]):
         if export == "pictures":
             continue
-        (file,) = protocol.exported_files(task["name"], export)
-        watch("exports", 0.94 + 0.02 * number, f"writing {file}")
+        file = protocol.exported_files(task["name"], export)[0]
+        watch("exports", 0.94 + 0.005 * number, f"writing {file}")
         told |= write_export(volume, export, folder / file, task["elements"])
     return told
 
@@ -206,13 +206,14 @@ def _thickness(
 def write_export(
     volume: HybridVolume, export: str, path: Path, elements: str = "wedges"
 ) -> dict[str, Any]:
-    """Write one of :data:`HybridVolume.protocol.EXPORTS`.
+    """Write one export: of :data:`HybridVolume.protocol.EXPORTS`, shell or core for other solvers.
 
     Parameters
     ----------
     volume : HybridVolume
-    export : {"vtu", "inp", "png"}
+    export : {"vtu", "inp", "png", "mfem", "gismo", "core"}
     path : Path
+        The first of its files.
     elements : {"wedges", "hex20"}
         Of the shell in an .inp file.
 
@@ -239,6 +240,15 @@ def write_export(
         from HybridVolume.exports.picture import write_picture
 
         write_picture(path, volume)
+    elif export in protocol.SHELL_EXPORTS:
+        from HybridVolume.exports.solver_files import write_shell
+
+        write_shell(path, volume)
+    elif export == "core":
+        from HybridVolume.exports.solver_files import write_core_files
+
+        stem = path.name.removesuffix(protocol.CORE_FILES[0].format(""))
+        write_core_files(path.parent, stem, volume, volume.fem.order)
     else:
         raise ValueError(f"no export {export!r}")
     return {}

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from HybridVolume.core.analysis.hybrid_space import hybrid_space
 from HybridVolume.core.solver_patches import solver_patches
 from HybridVolume.errors import InputError
+from HybridVolume.protocol import exported_files
 
 from .core_mesh import write_core, write_interface, write_interface_triangles
 from .gismo_xml import write_gismo
@@ -48,9 +49,28 @@ def check_shell_format(path: str | os.PathLike, degree: int = 2) -> str:
     return suffix
 
 
-def files_beside(stem: str) -> tuple[str, str, str]:
-    """Names of core, interface and interface's triangles beside a shell's file."""
-    return f"{stem}_core.msh", f"{stem}_interface.csv", f"{stem}_interface_triangles.csv"
+def write_shell(path: str | os.PathLike, volume: HybridVolume) -> None:
+    """Write the shell alone; see :func:`write_solver_files`."""
+    SHELL_FORMATS[check_shell_format(path)](path, solver_patches(volume.shell))
+
+
+def write_core_files(
+    folder: str | os.PathLike, stem: str, volume: HybridVolume, degree: int = 2
+) -> list[Path]:
+    """Write core and interface alone; see :func:`write_solver_files`.
+
+    Returns
+    -------
+    list of Path
+        The three files of :func:`HybridVolume.protocol.exported_files`.
+    """
+    shell = solver_patches(volume.shell)
+    core = hybrid_space(volume.shell, volume.interface, volume.interior, degree=degree).tets
+    files = [Path(folder) / name for name in exported_files(stem, "core")]
+    write_core(files[0], core)
+    write_interface(files[1], core, shell)
+    write_interface_triangles(files[2], core, shell)
+    return files
 
 
 def write_solver_files(
@@ -79,13 +99,7 @@ def write_solver_files(
         The place cannot be written.
     """
     path = Path(path)
-    suffix = check_shell_format(path, degree)
-    # everything that can fail is made before the first file
-    shell = solver_patches(volume.shell)
-    core = hybrid_space(volume.shell, volume.interface, volume.interior, degree=degree).tets
-    beside = [path.with_name(name) for name in files_beside(path.stem)]
-    SHELL_FORMATS[suffix](path, shell)
-    write_core(beside[0], core)
-    write_interface(beside[1], core, shell)
-    write_interface_triangles(beside[2], core, shell)
+    check_shell_format(path, degree)
+    beside = write_core_files(path.parent, path.stem, volume, degree)
+    write_shell(path, volume)
     return [path, *beside]

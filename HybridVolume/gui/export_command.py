@@ -29,8 +29,13 @@ FILTERS = {
     ".med": "Salome, Code_Aster (*.med)",
     ".msh": "Gmsh 4.1 (*.msh)",
     ".vtu": "ParaView (*.vtu)",
+    ".mesh": "MFEM: NURBS shell, core beside it (*.mesh)",
+    ".xml": "G+Smo: NURBS shell, core beside it (*.xml)",
 }
 """What the dialog offers, by ending."""
+
+SHELLS = (".mesh", ".xml")
+"""Endings of the shell's own formats; the others are of the finite element mesh."""
 
 
 class ExportCommand(_Command):
@@ -88,7 +93,7 @@ def ask(volume: Any) -> Any:
 
 
 def export(document: str, name: str, path: str) -> bool:
-    """Write the mesh of a volume; say where it is, or why not.
+    """Write the mesh or the shell of a volume; say where it is, or why not.
 
     Returns
     -------
@@ -98,7 +103,8 @@ def export(document: str, name: str, path: str) -> bool:
     volume = FreeCAD.getDocument(document).getObject(name)
     try:
         FreeCADGui.doCommand("import HybridVolume")
-        FreeCADGui.doCommand(f"HybridVolume.export_mesh({object_text(volume)}, {path!r})")
+        what = "shell" if Path(path).suffix.lower() in SHELLS else "mesh"
+        FreeCADGui.doCommand(f"HybridVolume.export_{what}({object_text(volume)}, {path!r})")
     except HybridVolumeError as error:
         messages.show_error(error, volume)
         return False

@@ -67,10 +67,26 @@ def stored_mesh(obj: Any) -> FiniteElementMesh:
         _type(one) == VolumeObject.Type for one in obj.InList
     ):
         return read_mesh(obj.FemMesh, obj.Label)
+    return stored_volume(obj).fem
+
+
+def stored_volume(obj: Any) -> HybridVolume:
+    """The hybrid volume of an object.
+
+    Parameters
+    ----------
+    obj : App.DocumentObject
+        As for `volume_object_of`.
+
+    Raises
+    ------
+    InputError
+        It has no hybrid volume, or that one no result.
+    """
     volume = volume_object_of(obj)
     if not volume.Result:
         raise InputError(f"{volume.Label} has no result yet", remedy="complete the volume first")
-    return HybridVolume.load(volume.Result).fem
+    return HybridVolume.load(volume.Result)
 
 
 def read_mesh(mesh: Any, label: str) -> FiniteElementMesh:
