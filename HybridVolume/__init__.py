@@ -18,6 +18,9 @@ What macros and scripts use::
     cage = HybridVolume.import_mesh("fish.obj", scheme="catmull-clark")[0]    # keeps its mesh
     cage.Scheme = "smooth"
 
+    result = HybridVolume.analysis.elasticity(volume, fixed={"Face1": 0.0}, pressure={"Face2": 5.0})
+    result.save_vtu("pressed.vtu")                       # ParaView, on the exact shell and core
+
     mid = HybridVolume.edit_midstructure(FreeCAD.ActiveDocument.getObject("Midstructure"))
     mid.remove(faces=("Face3", "Face9"))
 
@@ -54,14 +57,16 @@ _FUNCTIONS = {
 }
 """What macros call, and the module of each."""
 
-__all__ = [*_FUNCTIONS, "version"]
+__all__ = [*_FUNCTIONS, "analysis", "version"]
 
 
 def __getattr__(name: str) -> Any:
+    if name == "analysis":
+        return importlib.import_module(f"{__name__}.analysis")
     if name in _FUNCTIONS:
         return getattr(importlib.import_module(f"{__name__}.{_FUNCTIONS[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_FUNCTIONS})
+    return sorted({*globals(), *__all__})

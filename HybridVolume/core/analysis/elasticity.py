@@ -67,7 +67,7 @@ def solve_elasticity(
     *,
     fixed: Mapping[str, Callable],
     tractions: Mapping[str, Callable] | None = None,
-    body_force: Callable | None = None,
+    body_force: Callable | tuple[Callable, Callable] | None = None,
     balanced: bool = False,
 ) -> Displacement:
     """Solve the static problem.
@@ -82,8 +82,8 @@ def solve_elasticity(
         component that is nan stays free.
     tractions : mapping of str to callable, optional
         CAD faces with tractions, as for :func:`.boundary.boundary_load`, MPa.
-    body_force : callable, optional
-        Takes (m, d) points and returns (m, d) forces, N/mm³.
+    body_force : callable or (callable, callable), optional
+        Takes (m, d) points and returns (m, d) forces, N/mm³; one for both or for shell and core.
     balanced : bool
         Nothing is fixed, the loads balance: the displacement has no rigid part (in L2).
 
@@ -106,11 +106,12 @@ def solve_elasticity(
         outside += boundary_load(spline, traction, [face])
     inside = np.zeros((tets.size, space.dimension))
     if body_force is not None:
+        weights = (body_force, body_force) if callable(body_force) else body_force
         more = spline.degree + 2
         for c in range(space.dimension):
-            component = lambda x, c=c: body_force(x)[:, c]  # noqa: E731
-            outside[:, c] += load(spline, component, more)
-            inside[:, c] = load(tets, component, tets.degree + 3)
+            around, within = (lambda x, c=c, weight=weight: weight(x)[:, c] for weight in weights)
+            outside[:, c] += load(spline, around, more)
+            inside[:, c] = load(tets, within, tets.degree + 3)
     right = space.loaded(outside, inside).T.ravel()
     if balanced:
         unknown, component = holding(space)
