@@ -21,6 +21,7 @@ FIGURES = {
     "quads": "quad meshes and cages: volumes, smoothness, limit surfaces, broken meshes",
     "fem": "finite element meshes: patch tests, sums of loads, accuracy",
     "rates3d": "analysis in space: rates of errors on refined volumes, beside quadratic tets",
+    "fig2": "an elastic disk dropped on a plane: flipped elements (Fig. 2 of the paper)",
 }
 """What can be made again: modules of this package, with ``add_arguments`` and ``run``."""
 

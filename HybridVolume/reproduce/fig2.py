@@ -1,0 +1,214 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""``./run.sh reproduce fig2 -o DIR``: an elastic disk dropped on a plane, and what flips in it.
+
+The paper's Fig. 2: triangles alone against one, two and three layers of C² elements of growing
+thickness, at maximal impact and at rest, for materials of growing stiffness. Writes ``fig2.json``
+(``cases``), ``fig2.md`` and pictures. Every case has a process of its own with a time limit.
+Finished cases are kept in ``DIR/cases`` and not done again, unless the program has changed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from HybridVolume.errors import WorkerError
+from HybridVolume.job import Job
+
+from .cases import add_case_arguments, check_names, told_figures
+from .fem import Runner
+from .midstructure import write_json
+from .shell import THREADS, machine
+
+VERSION = 1
+"""Of the JSON file."""
+BODIES = ("triangles", "one-layer", "two-layers", "three-layers")
+"""Names of :data:`.fig2_drop.BODIES`."""
+YOUNG = (0.020, 0.025, 0.030, 0.035, 0.040, 0.050)
+"""Young's moduli of the scan, MPa."""
+SHOWN = 0.030
+"""The one of the pictures; there the mesh is also turned, and the step halved."""
+TURNS = (7.0, 13.0)
+"""Degrees by which meshes are turned against the direction of the fall."""
+SMALL = {"unknowns": 90, "step": 2e-3, "duration": 0.1}
+"""What ``--small`` does instead, at the stiffness of the pictures."""
+PARTS = ("scan", "turned", "step")
+
+
+class DropJob(Job):
+    """One case; its process writes it to the folder of cases."""
+
+    module = "HybridVolume.reproduce.fig2_case"
+
+    def answers(self) -> list[str]:
+        """Nothing besides the case."""
+        return []
+
+
+@dataclass
+class Case:
+    """One drop.
+
+    Attributes
+    ----------
+    name : str
+        Of its file.
+    part : {"scan", "turned", "step"}
+    case : str
+        Name of the body.
+    task : dict
+        ``drop``: arguments of :class:`.fig2_drop.Drop`.
+    """
+
+    name: str
+    part: str
+    case: str
+    task: dict[str, Any] = field(default_factory=dict)
+    after: None = None
+    """No case waits for another one."""
+
+    def key(self) -> str:
+        """What the figures depend on."""
+        words = repr((VERSION, _program(), self.name, sorted(self.task["drop"].items())))
+        return hashlib.sha256(words.encode()).hexdigest()[:16]
+
+
+@cache
+def _program() -> str:
+    """What the numbers are made by, as it was when this program started."""
+    package = Path(__file__).resolve().parents[1]
+    files = sorted([*package.glob("core/analysis/*.py"), Path(__file__).parent / "fig2_drop.py"])
+    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the command line takes."""
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        metavar="PART|CASE",
+        help=f"{', '.join(PARTS)}, or names of cases; the others are left out",
+    )
+    parser.add_argument(
+        "--small", action="store_true", help="few unknowns and one stiffness, in some seconds"
+    )
+    add_case_arguments(parser, 1500.0, "case")
+
+
+def run(options: argparse.Namespace) -> int:
+    """Make all figures.
+
+    Returns
+    -------
+    int
+        0 when every demand is met and every case was made, else 1.
+
+    Raises
+    ------
+    HybridVolumeError
+        A name is unknown, or there is no worker.
+    """
+    from .fig2_pictures import draw
+    from .fig2_table import as_markdown, demands
+
+    started = time.perf_counter()
+    folder = Path(options.output)
+    for name in ("cases", "pictures"):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    cases = all_cases(options.small)
+    if options.only:
+        check_names(options.only, cases, PARTS)
+        cases = [case for case in cases if {case.part, case.name} & set(options.only)]
+    # two cases at a time, one thread each: their seconds do not depend on one another
+    for name in THREADS:
+        os.environ.setdefault(name, "1")
+    runner = DropRunner(folder, options.time_limit, options.again)
+    if not options.gather:
+        runner.run(cases)
+    found: dict[str, Any] = {
+        "version": VERSION,
+        "command": "./run.sh reproduce fig2 -o DIR" + (" --small" if options.small else ""),
+        "machine": machine(),
+        "missing": [],
+        "shown": SHOWN,
+        **runner.collected(cases),
+    }
+    found["demands"] = demands(found["cases"], SHOWN)
+    found["pictures"] = []
+    if any(not case["error"] for case in found["cases"]):
+        write_json(folder / "fig2.json", found)
+        try:
+            found["pictures"] = draw(folder, runner.python)
+        except WorkerError as error:
+            runner.screen.line(f"no pictures: {error.line}")
+        for state in (case[when] for case in found["cases"] if not case["error"]
+                      for when in ("impact", "rest")):  # fmt: skip
+            del state["outline"]
+    found["seconds"] = time.perf_counter() - started
+    write_json(folder / "fig2.json", found)
+    text = as_markdown(found)
+    return told_figures(found, text, folder / "fig2.md", runner.screen, ("cases",))
+
+
+def all_cases(small: bool = False) -> list[Case]:
+    """All drops, those of the pictures first.
+
+    Parameters
+    ----------
+    small : bool
+        Few unknowns, one stiffness.
+    """
+    if small:
+        return [_case("scan", body, SHOWN, f"{body}-small", SMALL) for body in BODIES]
+    scan = sorted(YOUNG, key=lambda young: young != SHOWN)
+    return [
+        *(_case("scan", body, young, f"{body}-{1e3 * young:g}") for young in scan
+          for body in BODIES),
+        *(_case("turned", body, SHOWN, f"{body}-turned-{turn:g}", {"turn": turn})
+          for turn in TURNS for body in BODIES),
+        *(_case("step", body, SHOWN, f"{body}-half-step", {"step": 5e-4}) for body in BODIES),
+    ]  # fmt: skip
+
+
+def _case(
+    part: str, body: str, young: float, name: str, more: Mapping[str, float] | None = None
+) -> Case:
+    return Case(name, part, body, {"drop": {"young": young, **(more or {})}})
+
+
+class DropRunner(Runner):
+    """Works on drops, two at a time."""
+
+    def _start(self, case: Case) -> tuple[DropJob, Case, float]:
+        (self.cases / f"{case.name}.json").unlink(missing_ok=True)
+        own = {
+            **case.task,
+            "cases": str(self.cases.resolve()),
+            "name": case.name,
+            "part": case.part,
+            "case": case.case,
+            "key": case.key(),
+        }
+        job = DropJob((), name=case.name, options=own, python=self.python)
+        job.prepare()
+        job.start()
+        return job, case, time.perf_counter()
+
+    def collected(self, cases: Sequence[Case]) -> dict[str, Any]:
+        """All finished cases, and the names of the others."""
+        found: dict[str, Any] = {"cases": [], "not_done": []}
+        for case in cases:
+            values = self.read(case.name)
+            if values is None or values.pop("key", "") != case.key():
+                found["not_done"].append(case.name)
+            if values is not None:
+                found["cases"].append(values)
+        return found
