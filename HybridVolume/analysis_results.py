@@ -374,6 +374,10 @@ class ModalResult(Result):
         values = self.modes.shapes[number]
         return self.shown.of(values * (largest / np.linalg.norm(values, axis=1).max()))
 
+    def values_of(self, number: int, where: Where, largest: float = 1.0) -> np.ndarray:
+        """Displacements of a mode at points, on a face or at places, (m, 3), mm; see `shape`."""
+        return self._values(where, self.shape(number, largest))
+
     def fields(self) -> dict[str, Field]:
         """``mode_0``, ``mode_1``, ..., each with a largest displacement of 1 mm."""
         return {f"mode_{k}": self.shape(k) for k in range(len(self.frequencies))}

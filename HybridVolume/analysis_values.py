@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""Values that an analysis is given, on faces and inside: numbers, vectors and functions, checked."""
+"""Values that an analysis is given, on faces and inside: numbers, vectors, functions; checked."""
 
 from __future__ import annotations
 

@@ -250,13 +250,26 @@ def _fill(result: Any, solved: Any, strain: np.ndarray, stress: np.ndarray) -> N
     place[order] = np.arange(len(order))
     result.NodeNumbers = solved.NodeNumbers
     result.DisplacementVectors = solved.DisplacementVectors
+    fill_components(result, strain[place], stress[place])
+    resulttools.fill_femresult_stats(result)
+
+
+def fill_components(result: Any, strain: np.ndarray, stress: np.ndarray) -> None:
+    """Write strains and stresses (n, 6) of a result's nodes, and what follows from them.
+
+    Parameters
+    ----------
+    result : App.DocumentObject
+        With NodeNumbers and DisplacementVectors.
+    strain, stress : (n, 6) arrays
+        In the order of the nodes' numbers there; xx yy zz xy xz yz, MPa.
+    """
     for number, component in enumerate(COMPONENTS):
-        setattr(result, f"NodeStress{component.upper()}", stress[place, number].tolist())
-        setattr(result, f"NodeStrain{component.upper()}", strain[place, number].tolist())
+        setattr(result, f"NodeStress{component.upper()}", stress[:, number].tolist())
+        setattr(result, f"NodeStrain{component.upper()}", strain[:, number].tolist())
     # lengths, von Mises and principal values by the workbench's own formulas
     for add in ("add_disp_apps", "add_von_mises", "add_principal_stress_std"):
         getattr(resulttools, add)(result)
-    resulttools.fill_femresult_stats(result)
 
 
 def _add_boundary(
