@@ -67,7 +67,9 @@ def untangle(
     return result
 
 
-def relaxed(nodes: np.ndarray, movable: np.ndarray, batches: list[Batch]) -> np.ndarray:
+def relaxed(
+    nodes: np.ndarray, movable: np.ndarray, batches: list[Batch], rounds: int = _ROUNDS
+) -> np.ndarray:
     """Places of least energy of movable nodes.
 
     Parameters
@@ -76,6 +78,8 @@ def relaxed(nodes: np.ndarray, movable: np.ndarray, batches: list[Batch]) -> np.
         mm
     movable : (k,) int array
     batches : list of Batch
+    rounds : int
+        How often the barrier is softened anew while elements are inverted.
 
     Returns
     -------
@@ -84,7 +88,7 @@ def relaxed(nodes: np.ndarray, movable: np.ndarray, batches: list[Batch]) -> np.
     lengths = [np.ptp(nodes[b.connectivity], axis=1).max(axis=1) for b in batches]
     size = float(np.linalg.norm(np.ptp(nodes, axis=0)))
     unit = float(np.median(np.concatenate(lengths))) if lengths else size
-    return _Problem(nodes, movable, batches, unit).solve()
+    return _Problem(nodes, movable, batches, unit).solve(rounds)
 
 
 def _batch(kind: str, connectivity: np.ndarray, nodes: np.ndarray, density: int) -> Batch:
@@ -130,10 +134,10 @@ class _Problem:
         self.origin = nodes[movable]
         self.softness = _SOFTEST
 
-    def solve(self) -> np.ndarray:
+    def solve(self, rounds: int) -> np.ndarray:
         """Places of the free nodes, (nf, d)."""
         place = np.zeros(self.origin.size)
-        for _ in range(_ROUNDS):
+        for _ in range(rounds):
             self._move(place)
             least = self._least()
             if least < 0.02:

@@ -22,6 +22,7 @@ from ..interior import Interface, Interior, build_interface, fill_interior
 from ..shell import Shell
 from ..sizes import wanted_lines
 from ..strips import GridLines
+from ..tetmesh import TetMesh
 from ..tetmesh.split import separate_boundary
 from .coupling import CollocationSpace, NitscheSpace
 from .elevation import elevated_shell
@@ -37,6 +38,8 @@ COUPLINGS = {"collocation": CollocationSpace, "nitsche": NitscheSpace}
 """Names of the couplings."""
 _SEPARATIONS = 3
 """How often vertices are put between points of the interface around folded tets."""
+_SMOOTH = np.cos(np.radians(30.0))
+"""Cosine of the angle between normals at an edge from which on the interface counts as smooth."""
 _FINEST = 8
 """Into how many parts a side of a knot rectangle may be cut where tets stay folded."""
 
@@ -184,31 +187,62 @@ def _repaired(
 
     Cubic tets are those of degree 2 with more nodes, so that what is hard is done with few.
     """
-    count = 0
     mesh = interior.mesh
     low = min(degree, 2)
-    space, moved = unfolded(curved_tets(shell, interface, interior, low))
-    for _ in range(_SEPARATIONS):
-        folded = _folded(space)
-        if not folded.any():
+
+    def attempt(tets: TetMesh, light: bool) -> tuple[TetSpace, np.ndarray, int]:
+        filled = replace(interior, mesh=tets)
+        space, moved = unfolded(curved_tets(shell, interface, filled, low), light)
+        bad = _folded(space)
+        if degree > low and not bad.any():
+            space, more = raised_simplices(space, spline, degree, light)
+            bad, moved = _folded(space), moved + more
+        return space, bad, moved
+
+    bad = _pressed_flat(curved_tets(shell, interface, interior, low), spline)
+    if not bad.any():
+        space, bad, moved = attempt(mesh, True)
+    for step in range(_SEPARATIONS):
+        if not bad.any():
             break
         chosen = np.zeros(len(mesh.vertices), dtype=bool)
-        chosen[mesh.tets[folded]] = True
-        finer, _ = separate_boundary(mesh, chosen=chosen)
-        if len(finer) == len(mesh):
-            break
-        count += len(finer.vertices) - len(mesh.vertices)
-        mesh = finer
-        space, moved = unfolded(curved_tets(shell, interface, replace(interior, mesh=mesh), low))
-    if degree > low and not _folded(space).any():
-        space, more = raised_simplices(space, spline, degree)
-        moved += more
+        chosen[mesh.tets[bad]] = True
+        mesh, _ = separate_boundary(mesh, chosen=chosen)
+        space, bad, moved = attempt(mesh, step < _SEPARATIONS - 1)
     notes = []
+    count = len(mesh.vertices) - len(interior.mesh.vertices)
     if count:
         notes.append(f"{count} vertices were put into the core, where curved tets were folded")
     if moved:
         notes.append(f"{moved} nodes of the core were moved, where curved tets were folded")
     return space, notes
+
+
+def _pressed_flat(space: TetSpace, spline: SplineSpace) -> np.ndarray:
+    """Tets with two faces on the interface that meet in an edge where it is smooth, (m,) bool.
+
+    However fine the elements get, det J vanishes on such an edge, since the faces have one tangent
+    plane there.
+    """
+    found = np.zeros(len(space.elements), dtype=bool)
+    if space.degree == 1:
+        return found
+    element, _ = space.elements_of_faces
+    number = np.flatnonzero(np.bincount(element, minlength=len(found))[element] > 1)
+    sides = np.array([[0, 1], [1, 2], [2, 0]])
+    ends = np.sort(space.faces[number][:, sides], axis=2).reshape(-1, 2)
+    middle = space.face_uv[number][:, sides].mean(axis=2).reshape(-1, 2)
+    w = space.face_w[number][:, sides].mean(axis=2).ravel()
+    tangents = spline.tangents_at(np.repeat(space.face_patch[number], 3), middle, w)
+    normal = np.cross(tangents[:, 0], tangents[:, 1])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    owner = np.repeat(element[number], 3)
+    order = np.lexsort((*ends.T, owner))
+    first, second = order[:-1], order[1:]
+    same = (owner[first] == owner[second]) & (ends[first] == ends[second]).all(axis=1)
+    smooth = (normal[first] * normal[second]).sum(axis=1) > _SMOOTH
+    found[owner[first[same & smooth]]] = True
+    return found
 
 
 def _folded(space: TetSpace) -> np.ndarray:

@@ -199,7 +199,7 @@ class SimplexSpace:
         dim = self.dimension
         at, weight = simplex_rule(dim - 1, points or self.degree + 3)
         share = np.column_stack([1.0 - at.sum(axis=1), at])
-        element, corners = self._elements_of_faces
+        element, corners = self.elements_of_faces
         count = len(weight)
         rows = np.arange(len(element) * count).reshape(len(element), count)
         values = np.empty((len(element), count, self.elements.shape[1]))
@@ -249,7 +249,7 @@ class SimplexSpace:
         )
 
     @cached_property
-    def _elements_of_faces(self) -> tuple[np.ndarray, np.ndarray]:
+    def elements_of_faces(self) -> tuple[np.ndarray, np.ndarray]:
         """Element behind each face of the interface, and the places of its corners there."""
         count = self.dimension + 1
         corners = self.elements[:, :count]

@@ -215,14 +215,23 @@ class SplineSpace:
         """
         basis, *along = self._at(patch, uv, w, True)
         slopes = np.stack([part.data for part in along], axis=1)
-        tangents = np.stack([part @ self.control_points for part in along], axis=1)
+        tangents = self._tangents(along)
         row = np.repeat(np.arange(len(w)), np.diff(basis.indptr))
-        # tangents are dx/dt, one in each row
         found = np.einsum("ecd,ed->ec", np.linalg.inv(tangents)[row], slopes)
         return tuple(
             sparse.csr_matrix((part, basis.indices, basis.indptr), shape=basis.shape)
             for part in np.ascontiguousarray(found.T)
         )
+
+    def tangents_at(self, patch: np.ndarray, uv: np.ndarray, w: np.ndarray) -> np.ndarray:
+        """Derivatives of the map along u, v and w, one in each row, (m, 3, 3), mm.
+
+        Parameters as for :meth:`basis_at`.
+        """
+        return self._tangents(self._at(patch, uv, w, True)[1:])
+
+    def _tangents(self, along: list[sparse.csr_matrix]) -> np.ndarray:
+        return np.stack([part @ self.control_points for part in along], axis=1)
 
     def _at(
         self, patch: np.ndarray, uv: np.ndarray, w: np.ndarray, derivative: bool

@@ -85,14 +85,15 @@ def cut_simplices(space: SimplexSpace, spline: SplineSpace) -> tuple[SimplexSpac
 
 
 def raised_simplices(
-    space: SimplexSpace, spline: SplineSpace, degree: int
+    space: SimplexSpace, spline: SplineSpace, degree: int, light: bool = False
 ) -> tuple[SimplexSpace, int]:
     """The same elements with polynomials of a higher degree.
 
     Nodes inside stand where the map of the lower degree has them, those on the interface on the
     shell's boundary.
 
-    Parameters and results as for :func:`cut_simplices`.
+    Parameters and results as for :func:`cut_simplices`; ``light`` as for
+    :func:`.unfold.unfolded`.
     """
     dim = space.dimension
     keys = lattice_keys(space.elements[:, : dim + 1], degree)
@@ -110,7 +111,7 @@ def raised_simplices(
     there = patch[inside], uv[inside], w[inside]
     nodes[on[inside]] = spline.basis_at(*there) @ spline.control_points
     raised = type(space)(degree, nodes, elements, on, patch, uv, w, faces, *sides)
-    return unfolded(raised)
+    return unfolded(raised, light)
 
 
 def interface_places(

@@ -15,18 +15,22 @@ import numpy as np
 from ..curving import batch_towards, relaxed
 from .simplex_space import SimplexSpace, lattice, shape_functions
 
-_PASSES = ((2, 1), (3, 2), (4, 3), (5, 4))
-"""Density of samples over twice the degree's least, and rings of elements that move."""
+_LIGHT = ((0, 1, 2), (0, 2, 3))
+_HEAVY = (*_LIGHT, (1, 2, 6), (2, 3, 6), (3, 4, 6))
+"""Samples on an edge beyond those that det J has coefficients, rings of elements that move, and
+rounds of the barrier."""
 _UNEVEN = 0.02
 """Smallest det J over its mean in an element below which it is worth an attempt to be better."""
 
 
-def unfolded(space: SimplexSpace) -> tuple[SimplexSpace, int]:
+def unfolded(space: SimplexSpace, light: bool = False) -> tuple[SimplexSpace, int]:
     """The space with nodes inside moved where elements are folded, or nearly so.
 
     Parameters
     ----------
     space : SimplexSpace
+    light : bool
+        Try what takes little time only.
 
     Returns
     -------
@@ -40,7 +44,7 @@ def unfolded(space: SimplexSpace) -> tuple[SimplexSpace, int]:
     fixed[space.interface] = True
     nodes, elements = space.nodes, space.elements
     quality = evenness(space, nodes)
-    for density, rings in _PASSES:
+    for more, rings, rounds in _LIGHT if light else _HEAVY:
         poor = quality < _UNEVEN
         if not poor.any():
             break
@@ -52,7 +56,7 @@ def unfolded(space: SimplexSpace) -> tuple[SimplexSpace, int]:
         if not free.any():
             continue
         rows = np.flatnonzero(free[elements].any(axis=1))
-        fresh = _moved(space.degree, nodes, elements[rows], free, density)
+        fresh = _moved(space.degree, nodes, elements[rows], free, more, rounds)
         found = quality.copy()
         found[rows] = evenness(space, fresh, rows)
         if _score(found) > _score(quality):
@@ -74,19 +78,19 @@ def _score(quality: np.ndarray) -> tuple[int, float]:
 
 
 def _moved(
-    degree: int, nodes: np.ndarray, elements: np.ndarray, free: np.ndarray, density: int
+    degree: int, nodes: np.ndarray, elements: np.ndarray, free: np.ndarray, more: int, rounds: int
 ) -> np.ndarray:
     """All nodes, the free ones at places where the energy of the elements is least."""
     dim = nodes.shape[1]
     used = np.unique(elements)
     number = np.full(len(nodes), -1)
     number[used] = np.arange(len(used))
-    count = max(dim * (degree - 1), 1) + density - 2
+    count = max(dim * (degree - 1), 1) + more
     _, slopes = shape_functions(degree, lattice(dim, count)[:, 1:] / count)
     corners = nodes[elements[:, : dim + 1]]
     target = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)[:, None]
     batch = batch_towards(number[elements], np.swapaxes(slopes, 1, 2), target)
     result = nodes.copy()
     movable = np.flatnonzero(free[used])
-    result[used[movable]] = relaxed(nodes[used], movable, [batch])
+    result[used[movable]] = relaxed(nodes[used], movable, [batch], rounds)
     return result
