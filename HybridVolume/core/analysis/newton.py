@@ -17,13 +17,15 @@ _HALVINGS = 14
 """Of one step of Newton's method."""
 _SHORTEST = 2.0**-8
 """Share of a step that is still tried where there is no potential."""
+_FAST = 0.25
+"""Share of the forces that may be left after a step for its tangent to be used again."""
 _DECREASE = 1e-4
 """Share of the decrease along the slope that a step has to reach (Armijo)."""
 _ROUNDING = 1e-13
 """Of sums over all elements, relative."""
 _DIRECT = {2: 6000, 3: 600}
 """Unknowns up to which systems are factorised each time, by the dimension."""
-_LINEAR = 1e-5
+_LINEAR = 1e-4
 """Residual of a linear system that is left, relative."""
 _ROUNDS = 200
 """Of conjugate gradients."""
@@ -70,7 +72,8 @@ class Increments:
     """Linear systems of Newton's method: direct, or conjugate gradients for many unknowns.
 
     The preconditioner is the factorised matrix of a single component, used for each: it costs a
-    small part of the whole one's, and it stays good where the body turns.
+    small part of the whole one's, and it stays good where the body turns. A tangent may be kept for
+    the next systems, also those of the next step in time.
 
     Parameters
     ----------
@@ -84,6 +87,7 @@ class Increments:
 
     def __init__(self, near: sparse.csr_matrix, free: np.ndarray, dimension: int) -> None:
         self.dimension = dimension
+        self.kept: sparse.csr_matrix | None = None
         count = near.shape[0]
         self.free = (free + count * np.arange(dimension)[:, None]).ravel()
         self.diagonal = near.diagonal()
@@ -219,24 +223,33 @@ def balanced(
 
     u = start
     held, left, scale = at(u)
-    projected = False
+    projected = fresh = False
     for iteration in range(_STEPS):
         if left <= tolerance * scale:
             return u, iteration
-        step, positive = increments.solve(forces.tangent(u, projected), -held)
+        if increments.kept is None:
+            increments.kept = forces.tangent(u, projected)
+            fresh = True
+        step, positive = increments.solve(increments.kept, -held)
         length = 1.0 if positive else 0.0
-        while length >= _SHORTEST:
+        # a tangent of earlier takes whole steps or none
+        while length >= (_SHORTEST if fresh else 1.0):
             after = at(u + length * step)
             if after[1] <= (1.0 - _DECREASE * length) * left:
                 break
             length *= 0.5
-        if length < _SHORTEST:
-            if projected:
+        good = length == 1.0 and after[1] <= _FAST * left
+        if not good:
+            increments.kept = None
+        if length < (_SHORTEST if fresh else 1.0):
+            if fresh and projected:
                 break
-            projected = True
+            projected, fresh = fresh, False
             continue
         u, (held, left, scale) = u + length * step, after
         projected = projected and length < 1.0
+        fresh = False
+    increments.kept = None
     raise Stalled(left / max(scale, 1e-300))
 
 

@@ -55,6 +55,7 @@ class SvkSide:
     ) -> None:
         self.embedding = embedding
         self.back = embedding.T.tocsr()
+        self._begin: tuple[np.ndarray, list] | None = None
         self.lame, self.shear, self.viscosity = material.lame, material.shear, viscosity
         self.size, self.dimension = space.size, space.dimension
         # slopes of straight linear simplices are the same everywhere
@@ -98,30 +99,27 @@ class SvkSide:
         stress[..., range(self.dimension), range(self.dimension)] += self.lame * trace[..., None]
         return stress
 
-    def _change(self, block: _Block, viscous: Viscous | None, strain: np.ndarray) -> np.ndarray:
-        """Change of the strain over the step."""
-        return strain - self._strains(block, self.embedding @ viscous.before)[1]
-
     def _stress(
-        self, block: _Block, viscous: Viscous | None, strain: np.ndarray
+        self, number: int, viscous: Viscous | None, strain: np.ndarray
     ) -> tuple[np.ndarray, float]:
         """Second Piola-Kirchhoff stress, and the shear modulus that its derivative has."""
         stress = self._hooke(strain)
         if viscous is None or not self.viscosity:
             return stress, self.shear
-        stress += self.viscosity / viscous.step * self._change(block, viscous, strain)
+        change = strain - self._starts(viscous.before)[number][1]
+        stress += self.viscosity / viscous.step * change
         return stress, self.shear + 0.5 * self.viscosity / viscous.step
 
     def energy(self, displacement: np.ndarray, viscous: Viscous | None) -> float:
         """See `Hyperelastic.energy`."""
         local = self.embedding @ displacement
         total = 0.0
-        for block in self.blocks:
+        for number, block in enumerate(self.blocks):
             _, strain = self._strains(block, local)
             trace = np.trace(strain, axis1=2, axis2=3)
             density = 0.5 * self.lame * trace**2 + self.shear * (strain**2).sum(axis=(2, 3))
             if viscous is not None and self.viscosity:
-                change = self._change(block, viscous, strain)
+                change = strain - self._starts(viscous.before)[number][1]
                 density += 0.5 * self.viscosity / viscous.step * (change**2).sum(axis=(2, 3))
             total += float((density * block.measure).sum())
         return total
@@ -130,9 +128,9 @@ class SvkSide:
         """See `Hyperelastic.forces`."""
         local = self.embedding @ displacement
         total = np.zeros_like(local)
-        for block in self.blocks:
+        for number, block in enumerate(self.blocks):
             deformation, strain = self._strains(block, local)
-            stress, _ = self._stress(block, viscous, strain)
+            stress, _ = self._stress(number, viscous, strain)
             self._add(total, block, deformation @ stress)
         return self.back @ total
 
@@ -151,26 +149,36 @@ class SvkSide:
         """Blocks (i, k), i <= k, of the derivative of the forces, over the coupled unknowns."""
         local = self.embedding @ displacement
 
-        def state(block: _Block) -> tuple[np.ndarray, np.ndarray, float]:
-            deformation, strain = self._strains(block, local)
-            return (deformation, *self._stress(block, viscous, strain))
+        def state(number: int) -> tuple[np.ndarray, np.ndarray, float]:
+            deformation, strain = self._strains(self.blocks[number], local)
+            return (deformation, *self._stress(number, viscous, strain))
 
         return self._assembled(state, projected)
 
+    def _starts(self, before: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """F and strain of all blocks at the start of a step; kept, since a step asks often."""
+        if self._begin is None or self._begin[0] is not before:
+            local = self.embedding @ before
+            self._begin = before, [self._strains(block, local) for block in self.blocks]
+        return self._begin[1]
+
     def _between(
-        self, block: _Block, before: np.ndarray, after: np.ndarray, step: float
+        self, number: int, before: np.ndarray, local: np.ndarray, step: float
     ) -> tuple[np.ndarray, np.ndarray, float]:
         """Mean F, the stress that does the work of the change of energy, and its shear modulus."""
-        (first, strain), (last, end) = (self._strains(block, u) for u in (before, after))
-        stress = self._hooke(0.5 * (strain + end)) + self.viscosity / step * (end - strain)
+        first, strain = self._starts(before)[number]
+        last, end = self._strains(self.blocks[number], local)
+        stress = self._hooke(0.5 * (strain + end))
+        if self.viscosity:
+            stress += self.viscosity / step * (end - strain)
         return 0.5 * (first + last), stress, self.shear + self.viscosity / step
 
     def forces_between(self, before: np.ndarray, after: np.ndarray, step: float) -> np.ndarray:
         """Forces whose work from one displacement to the other is the change of the energy."""
-        before, after = self.embedding @ before, self.embedding @ after
-        total = np.zeros_like(before)
-        for block in self.blocks:
-            deformation, stress, _ = self._between(block, before, after, step)
+        local = self.embedding @ after
+        total = np.zeros_like(local)
+        for number, block in enumerate(self.blocks):
+            deformation, stress, _ = self._between(number, before, local, step)
             self._add(total, block, deformation @ stress)
         return self.back @ total
 
@@ -178,27 +186,27 @@ class SvkSide:
         self, before: np.ndarray, after: np.ndarray, step: float, projected: bool
     ) -> list[sparse.csr_matrix]:
         """Near the derivative of :meth:`forces_between` by the later displacement; symmetric."""
-        before, after = self.embedding @ before, self.embedding @ after
-        blocks = self._assembled(lambda b: self._between(b, before, after, step), projected)
+        local = self.embedding @ after
+        blocks = self._assembled(lambda n: self._between(n, before, local, step), projected)
         return [0.5 * block for block in blocks]
 
     def dissipated(self, before: np.ndarray, after: np.ndarray, step: float) -> float:
         """Energy that viscosity takes over a step, mJ."""
         if not self.viscosity:
             return 0.0
-        before, after = self.embedding @ before, self.embedding @ after
+        local = self.embedding @ after
         total = 0.0
-        for block in self.blocks:
-            change = self._strains(block, after)[1] - self._strains(block, before)[1]
+        for block, (_, strain) in zip(self.blocks, self._starts(before), strict=True):
+            change = self._strains(block, local)[1] - strain
             total += float(((change**2).sum(axis=(2, 3)) * block.measure).sum())
         return self.viscosity / step * total
 
     def _assembled(self, state: Callable, projected: bool) -> list[sparse.csr_matrix]:
-        """Stiffness of F, S and a shear modulus that ``state`` gives for each block."""
+        """Stiffness of F, S and a shear modulus that ``state`` gives for each block's number."""
         d = self.dimension
         data = np.zeros((len(pairs(d)), self.pattern.nnz))
-        for block in self.blocks:
-            deformation, stress, shear = state(block)
+        for number, block in enumerate(self.blocks):
+            deformation, stress, shear = state(number)
             if projected:
                 stress = _positive(stress)
             ne, nq = block.measure.shape
