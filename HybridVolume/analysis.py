@@ -23,6 +23,7 @@ Where every face is meant, the value can stand without a face.
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -38,7 +39,9 @@ from HybridVolume.core.analysis.poisson import solve_poisson
 from HybridVolume.core.analysis.spline_space import check_faces
 from HybridVolume.core.hybrid import HybridVolume, load
 from HybridVolume.core.recovery import Material
-from HybridVolume.errors import InputError
+from HybridVolume.core.tetmesh.door import meshers_of
+from HybridVolume.errors import InputError, SetupError
+from HybridVolume.worker_process import worker_python
 
 __all__ = [
     "STEEL",
@@ -89,15 +92,21 @@ def space(
     ------
     InputError
         It is no hybrid volume, or a value is out of its range.
+    MesherError, SetupError
+        The core had to be filled anew, under a finer interface, and could not.
     """
     given = volume_of(volume)
     if isinstance(refine, bool) or not isinstance(refine, int) or refine < 0:
         raise InputError(f"refine = {refine!r}", remedy="give 0, 1, 2, ...")
     if isinstance(parts, bool) or not isinstance(parts, int) or parts < 1:
         raise InputError(f"parts = {parts!r}", remedy="give 1, 2, ...")
-    found = of_volume(given, degree=degree, coupling=coupling, parts=parts)
-    for _ in range(refine):
-        found = refined(found)
+    with contextlib.ExitStack() as stack:
+        # where this Python has no mesher, as FreeCAD's own, the worker's are there
+        with contextlib.suppress(SetupError):
+            stack.enter_context(meshers_of(worker_python()))
+        found = of_volume(given, degree=degree, coupling=coupling, parts=parts)
+        for _ in range(refine):
+            found = refined(found)
     return found
 
 

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 NAME = "HybridVolume_Solution"
 """Name of the result objects; their meshes are called the same with ``Mesh``."""
+GROUP = "HybridVolume_Solved"
+"""Name of the analysis that holds them."""
 
 _SOLVED = (
     ("Unknowns", "Integer", "Unknowns of one component of the solution."),
@@ -54,7 +56,8 @@ def add_result(
     mesh : FiniteElementMesh, optional
         Where it is sampled; by default the mesh of the hybrid volume.
     analysis : App.DocumentObject, optional
-        An analysis that takes the result; by default a new one, which holds nothing else.
+        An analysis that takes the result; by default one of its own, which holds such results
+        only.
     mode : int, optional
         Which mode of vibrations, from 0.
 
@@ -105,9 +108,12 @@ def add_result(
     built = build(arrays)
     with transaction(doc, f"Add {label}"):
         if analysis is None:
-            analysis = ObjectsFem.makeAnalysis(doc, "HybridVolume_Analysis")
+            analysis = doc.getObject(GROUP)
+        if analysis is None:
+            analysis = ObjectsFem.makeAnalysis(doc, GROUP)
             analysis.Label = "Solved on shell and core"
         shown = ObjectsFem.makeMeshResult(doc, f"{NAME}Mesh")
+        shown.Label = f"{label}: nodes"
         shown.FemMesh = built
         obj = ObjectsFem.makeResultMechanical(doc, NAME)
         obj.Label = label
@@ -127,6 +133,8 @@ def add_result(
         analysis.addObject(obj)
         if shown.ViewObject:
             shown.ViewObject.Visibility = False
+            # colours count: the lines of a fine mesh would cover them
+            shown.ViewObject.DisplayMode = "Faces"
     return obj
 
 

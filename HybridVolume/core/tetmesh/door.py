@@ -11,7 +11,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,25 @@ log = logging.getLogger(__name__)
 CONFORMING = ("gmsh", "netgen")
 GPL = ("gmsh",)
 REMEDY = "look for self-intersections or refine the surface"
+
+_elsewhere: list[str] = []
+"""Interpreters whose meshers are taken where this one has none, the last one first."""
+
+
+@contextmanager
+def meshers_of(python: str) -> Iterator[None]:
+    """Take the meshers of another interpreter where this one has none.
+
+    Parameters
+    ----------
+    python : str
+        Such as the worker's, where this is FreeCAD's own.
+    """
+    _elsewhere.append(python)
+    try:
+        yield
+    finally:
+        _elsewhere.pop()
 
 
 def free_only() -> bool:
@@ -132,6 +152,9 @@ def _engines(engine: str, free: bool | None) -> Sequence[str]:
     available = available_engines(free=free)
     if engine == "auto":
         engines = [name for name in available if name in CONFORMING]
+        if not engines and _elsewhere:
+            free = free_only() if free is None else free
+            engines = [name for name in CONFORMING if not (free and name in GPL)]
     elif engine in (*CONFORMING, "pytetwild"):
         engines = [engine] if engine in available else []
     else:
@@ -198,7 +221,8 @@ def _run(
             facets=facets,
             **sizes,
         )
-        command = [interpreter(), "-m", f"{__package__}.run", str(folder), name]
+        python = _elsewhere[-1] if name not in available_engines() and _elsewhere else interpreter()
+        command = [python, "-m", f"{__package__}.run", str(folder), name]
         with open(folder / "log.txt", "wb") as output:
             process = subprocess.Popen(
                 command,
