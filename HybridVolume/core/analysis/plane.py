@@ -98,7 +98,7 @@ def plane_space(
     coupling: str = "collocation",
     *,
     degree_w: int | None = None,
-    nodes: int | str = 1,
+    nodes: float | str = 1,
     size: float | None = None,
     inner: np.ndarray | None = None,
 ) -> CollocationSpace | NitscheSpace:
@@ -113,9 +113,10 @@ def plane_space(
     degree : {1, 2, 3}
         Of the triangles; 1 is the paper's.
     coupling : {"collocation", "nitsche"}
-    nodes : int or "greville"
+    nodes : int, 1 / int or "greville"
         Where corners of triangles stand on the inner curve: at its knots, with so many edges a
-        span, or at the node locations t_l of its control points as in the paper.
+        span (1 / 2: an edge over two spans, which collocation does not converge with); or at the
+        node locations t_l of its control points as in the paper.
     size : float, optional
         Longest edge of the triangles inside, mm; the longest edge on the inner curve by default.
 
@@ -126,7 +127,7 @@ def plane_space(
     """
     if coupling not in COUPLINGS:
         raise InputError(f"coupling {coupling!r}", remedy=f"choose {' or '.join(COUPLINGS)}")
-    if nodes != GREVILLE and not (isinstance(nodes, int) and nodes > 0):
+    if nodes != GREVILLE and not (isinstance(nodes, int | float) and nodes > 0):
         raise InputError(
             f"nodes {nodes!r}", remedy=f"give the number of edges a span, or {GREVILLE!r}"
         )
@@ -244,9 +245,12 @@ def _edges(curve: PlaneCurve, places: Sequence[np.ndarray]) -> tuple[np.ndarray,
     return patch, np.concatenate(ends)
 
 
-def _cut(breaks: np.ndarray, parts: int) -> np.ndarray:
-    """Parameters that cut every span into equal parts, without the last one's end."""
-    return (breaks[:-1, None] + np.diff(breaks)[:, None] * np.arange(parts) / parts).ravel()
+def _cut(breaks: np.ndarray, parts: float) -> np.ndarray:
+    """Parameters that cut every span into equal parts, or join some, without the last one's end."""
+    if parts < 1.0:
+        return breaks[:-1][:: round(1.0 / parts)]
+    count = round(parts)
+    return (breaks[:-1, None] + np.diff(breaks)[:, None] * np.arange(count) / count).ravel()
 
 
 def _even(curve: PlaneCurve, number: int, size: float) -> np.ndarray:

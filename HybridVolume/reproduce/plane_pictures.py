@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""Pictures of the studies in the plane, drawn in the worker's Python, whose matplotlib is known.
+
+``python -m HybridVolume.reproduce.plane_pictures DIR/NAME.json`` draws what the file holds to
+``DIR/pictures`` and prints names and titles as JSON.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .cases import drawn_elsewhere
+
+TIME_LIMIT = 300.0
+RED, GREY, DARK = "#c0392b", "#b8c0c8", "#2c3e50"
+COLOURS = ("#c0392b", "#1f6fb2", "#2e8b57", "#e08e0b", "#7d3c98", "#117a8b")
+DPI = 80
+
+
+def draw(file: Path, python: str) -> list[list[str]]:
+    """Names and titles of the pictures of a study, drawn by another Python.
+
+    Parameters
+    ----------
+    file : Path
+        ``rates2d.json``, ``fig7.json`` or ``depth.json``.
+    python : str
+        The worker's interpreter.
+
+    Raises
+    ------
+    WorkerError
+        It failed.
+    """
+    return [list(pair) for pair in drawn_elsewhere(__name__, file, python, TIME_LIMIT)]
+
+
+# ------------------------------------------------------------------------- in another process
+
+
+def rates2d(found: Mapping[str, Any], folder: Path) -> list[list[str]]:
+    """Errors over unknowns: the paper's mode, higher degrees, other bodies."""
+    from matplotlib.figure import Figure
+
+    cases = [case for case in found["cases"] if len(case["levels"]) > 1]
+    groups = {
+        "disk, linear triangles": [c for c in cases if (c["body"], c["k"]) == ("disk", 1)],
+        "disk, higher degrees": [c for c in cases if c["body"] == "disk" and c["k"] > 1],
+        "other bodies": [c for c in cases if c["body"] != "disk"],
+    }
+    groups = {title: chosen for title, chosen in groups.items() if chosen}
+    figure = Figure(figsize=(5.2 * len(groups), 4.6), layout="constrained")
+    axes = figure.subplots(1, len(groups), squeeze=False)[0]
+    for here, (title, chosen) in zip(axes, groups.items(), strict=True):
+        for number, case in enumerate(chosen):
+            look = {"color": COLOURS[number % len(COLOURS)]} if case["p"] else {"color": "black"}
+            style = "--" if not case["p"] else ("-" if number < len(COLOURS) else ":")
+            _line(here, case, _label(case, title), linestyle=style, **look)
+        _slopes(here, sorted({case["k"] + 1 for case in chosen}))
+        here.set_title(title)
+        here.legend(fontsize=6.5)
+    axes[0].set_ylabel("error in L2")
+    name = "rates2d_convergence.png"
+    figure.savefig(folder / name, dpi=DPI)
+    return [[name, "Errors over unknowns in the plane, with slopes in h"]]
+
+
+def fig7(found: Mapping[str, Any], folder: Path) -> list[list[str]]:
+    """The paper's three pictures: errors, and both solutions along z."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5.2, 4.4), layout="constrained")
+    here = figure.subplots()
+    for case, colour in zip(found["cases"], (RED, DARK), strict=True):
+        words = "ring of NURBS and triangles" if case["p"] else "triangles only"
+        _line(here, case, words, color=colour)
+    _slopes(here, [2])
+    here.set_ylabel("error in L2")
+    here.legend()
+    figure.savefig(folder / "fig7_convergence.png", dpi=DPI)
+    made = [["fig7_convergence.png", "Errors on both representations, as in the paper's Fig. 7"]]
+    fields = np.load(folder.parent / "fig7_fields.npz")
+    for which, words in (("hybrid", "on ring and triangles"), ("triangles", "on triangles only")):
+        figure = Figure(figsize=(5.2, 4.2), layout="constrained")
+        _relief(figure, fields, which)
+        name = f"fig7_{which}.png"
+        figure.savefig(folder / name, dpi=DPI)
+        made.append([name, f"The solution along z {words}, as in the paper's Fig. 7"])
+    return made
+
+
+def depth(found: Mapping[str, Any], folder: Path) -> list[list[str]]:
+    """Errors over those of triangles alone against the depth of the ring, lines by its layers."""
+    from matplotlib.figure import Figure
+
+    degrees = sorted({case["k"] for case in found["cases"]})
+    figure = Figure(figsize=(4.6 * len(degrees), 4.2), layout="constrained")
+    axes = figure.subplots(1, len(degrees), squeeze=False)[0]
+    for here, k in zip(axes, degrees, strict=True):
+        chosen = [case for case in found["cases"] if case["k"] == k and case["p"]]
+        for colour, layers in zip(COLOURS, sorted({c["layers"] for c in chosen}), strict=False):
+            line = [(c["depth"], c["l2_share"]) for c in chosen
+                    if c["layers"] == layers and c["l2_share"]]  # fmt: skip
+            here.plot(*zip(*sorted(line), strict=True), marker="o", markersize=4, color=colour,
+                      label=f"{layers} layer{'s' * (layers > 1)} at the start")  # fmt: skip
+        here.axhline(1.0, color="black", linestyle="--", linewidth=1.0)
+        here.set(xlabel="depth of the ring, share of the radius", yscale="log",
+                 title=f"triangles of degree {k}")  # fmt: skip
+        here.grid(True, which="both", linewidth=0.3)
+        here.legend(fontsize=8)
+    axes[0].set_ylabel("error over that of triangles alone")
+    name = "depth_share.png"
+    figure.savefig(folder / name, dpi=DPI)
+    return [[name, "Error at equal unknowns against the depth of the ring"]]
+
+
+def _label(case: Mapping[str, Any], title: str) -> str:
+    body = (
+        ""
+        if title.startswith("disk")
+        else case["body"] + (" elastic" if case["elastic"] else "") + ", "
+    )
+    degree = "" if title.endswith("linear triangles") else f"k {case['k']}, "
+    if not case["p"]:
+        return f"{body}{degree}triangles only"
+    edges = {"greville": "nodes t_l", 1: "1 edge a span"}.get(
+        case["nodes"], f"{case['nodes']} edges a span"
+    )
+    way = f"{edges}{', anew' if case['anew'] else ''}" if case["k"] == 1 else case["coupling"]
+    return f"{body}{degree}p {case['p']}, depth {case['depth']:g}, {way}"
+
+
+def _line(axes: Any, case: Mapping[str, Any], label: str, **look: Any) -> None:
+    rows = case["levels"]
+    axes.loglog([row["unknowns"] for row in rows], [row["l2"] for row in rows], label=label,
+                marker="o", markersize=3.5, linewidth=1.2, **look)  # fmt: skip
+    axes.set_xlabel("unknowns n")
+    axes.grid(True, which="both", linewidth=0.3)
+
+
+def _slopes(axes: Any, orders: Sequence[int]) -> None:
+    """Lines of h^order, h = n^(-1/2), below the curves."""
+    low, high = axes.get_xlim()
+    bottom = axes.get_ylim()[0]
+    x = np.array([high / 12.0, high / 1.5])
+    for order in orders:
+        y = 1.6 * bottom * (x / x[-1]) ** (-0.5 * order)
+        axes.loglog(x, y, color="grey", linewidth=1.0)
+        axes.annotate(f"h^{order}", (x[0], y[0]), fontsize=8, color="grey",
+                      ha="right", va="center")  # fmt: skip
+    axes.set_xlim(low, high)
+
+
+def _relief(figure: Any, fields: Mapping[str, np.ndarray], which: str) -> None:
+    """A field as height over the plane: elements of the ring red, triangles grey."""
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+
+    axes = figure.add_subplot(projection="3d", computed_zorder=False)
+    light = np.array([-0.4, -0.5, 0.77])
+    for part, colour in (("ring", RED), ("core", GREY)):
+        key = f"{which}_{part}"
+        if key not in fields or not len(fields[key]):
+            continue
+        facets = fields[key]
+        normal = np.cross(facets[:, 1] - facets[:, 0], facets[:, 2] - facets[:, 0])
+        normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+        shade = 0.55 + 0.45 * np.abs(normal @ light)
+        rgb = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
+        axes.add_collection3d(
+            Poly3DCollection(facets, facecolors=rgb * shade[:, None], edgecolors="none")
+        )
+        axes.add_collection3d(
+            Line3DCollection(fields[f"{key}_edges"], colors=DARK, linewidths=0.35)
+        )
+    reach = max(float(np.abs(value[..., 2]).max()) for value in fields.values() if value.size)
+    axes.set(xlim=(-1, 1), ylim=(-1, 1), zlim=(-reach, reach))
+    axes.set_box_aspect((1, 1, 0.45))
+    axes.view_init(38, -62)
+    axes.set_axis_off()
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Draw and print; return the exit code."""
+    (name,) = sys.argv[1:] if arguments is None else arguments
+    file = Path(name)
+    folder = file.parent / "pictures"
+    folder.mkdir(exist_ok=True)
+    found = json.loads(file.read_text(encoding="utf-8"))
+    print(json.dumps({"rates2d": rates2d, "fig7": fig7, "depth": depth}[file.stem](found, folder)))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
