@@ -28,6 +28,13 @@ if TYPE_CHECKING:
 Where = np.ndarray | Sequence[Sequence[float]] | str | Places
 """Points (m, 3), mm; the name of a CAD face; or places of `points_on` and `find`."""
 
+_LABELS = {
+    "displacement": "displacement, mm",
+    "stress": "size of the stress, MPa",
+    "von_mises": "von Mises stress, MPa",
+    "heat_flux": "heat flux, W/mm²",
+}
+
 OUTSIDE = 1e-3
 """A point this far outside of a body, as a share of its size, is taken as one on its surface."""
 
@@ -145,6 +152,65 @@ class Result:
         """Fields by the names under which files have them."""
         raise NotImplementedError
 
+    def save_picture(
+        self,
+        path: str | os.PathLike,
+        what: str = "",
+        *,
+        factor: float | None = None,
+        cut: bool = False,
+        title: str = "",
+        limits: tuple[float, float] | None = None,
+    ) -> None:
+        """Draw the body in the colours of a field, without a screen.
+
+        Parameters
+        ----------
+        path : path
+            ``.png``
+        what : str
+            One of `fields`, by default the last; of vectors the length is shown.
+        factor : float, optional
+            By what a displacement is multiplied; 0 draws the body undeformed. By default so that
+            the deformation is seen.
+        cut : bool
+            Take the half in front away.
+        title : str
+        limits : (float, float), optional
+            Values at the ends of the colours.
+
+        Raises
+        ------
+        InputError
+            There is no such field.
+        SetupError
+            pyvista is not installed, or nothing on this system can draw.
+        OSError
+            The place cannot be written.
+        """
+        from HybridVolume.exports.solution_picture import solution_scene, write_solution_picture
+
+        fields = self.fields()
+        what = what or list(fields)[-1]
+        if what not in fields:
+            raise InputError(f"there is no field {what!r}", remedy=f"there are {', '.join(fields)}")
+        moved = self._moved(what) if factor != 0.0 else None
+        scene = solution_scene(
+            self.shown,
+            fields[what],
+            _LABELS.get(what, what.replace("_", " ")),
+            displacement=moved,
+            factor=factor,
+            cut=cut,
+            title=title,
+            limits=limits,
+        )
+        write_solution_picture(path, scene)
+
+    def _moved(self, what: str) -> Field | None:
+        """The displacement that belongs to the picture of a field."""
+        return None
+
     def save_vtu(self, path: str | os.PathLike) -> None:
         """Write all fields on the exact shell and the curved core, for ParaView.
 
@@ -208,8 +274,8 @@ class ScalarResult(Result):
         return self._values(where, self.flux_field)
 
     def fields(self) -> dict[str, Field]:
-        """``temperature`` and ``heat_flux``."""
-        return {"temperature": self.field, "heat_flux": self.flux_field}
+        """``heat_flux`` and ``temperature``."""
+        return {"heat_flux": self.flux_field, "temperature": self.field}
 
     def errors(self, exact: Callable, slope: Callable) -> tuple[float, float]:
         """Errors against an exact solution in L2 and in the H1 seminorm.
@@ -312,6 +378,9 @@ class DisplacementResult(Result):
             there[samples.values.indices] = True
         return self.solution.reactions[spline.outer[there]].sum(axis=0)
 
+    def _moved(self, what: str) -> Field | None:
+        return self.field
+
     def fields(self) -> dict[str, Field]:
         """``displacement``, ``stress`` and ``von_mises``."""
         equivalent = self.shown.mapped(self.stress_field, lambda s: von_mises(s)[:, None])
@@ -381,6 +450,9 @@ class ModalResult(Result):
     def fields(self) -> dict[str, Field]:
         """``mode_0``, ``mode_1``, ..., each with a largest displacement of 1 mm."""
         return {f"mode_{k}": self.shape(k) for k in range(len(self.frequencies))}
+
+    def _moved(self, what: str) -> Field | None:
+        return self.shape(int(what.rpartition("_")[2]))
 
     def to_document(self, doc: Any, number: int, label: str = "", **options: Any) -> Any:
         """Put one mode into a document; see :func:`HybridVolume.objects.solution.add_result`."""
