@@ -24,7 +24,8 @@ from ...errors import InputError
 from ..recovery import Material
 from .assembly import Space, elastic, mass, stiffness
 from .coupling import CollocationSpace, NitscheSpace
-from .svk import SvkSide, Viscous, deformation_gradient, pairs
+from .layout import Layout
+from .svk import SvkSide, Viscous, deformation_gradient
 
 LAWS = ("linear", "svk")
 
@@ -186,7 +187,9 @@ class Hyperelastic:
             if viscous is not None and any(self.viscosity):
                 return (self._linear + self._damping / viscous.step).tocsr()
             return self._linear
-        return _joined([side.tangent(displacement, viscous, projected) for side in self._blocks])
+        return self._layout.matrix(
+            [side.tangent(displacement, viscous, projected) for side in self._blocks]
+        )
 
     def forces_between(self, before: np.ndarray, after: np.ndarray, step: float) -> np.ndarray:
         """Forces whose work from one displacement to another is the change of the energy, N.
@@ -220,7 +223,7 @@ class Hyperelastic:
             if any(self.viscosity):
                 return (0.5 * self._linear + self._damping / step).tocsr()
             return 0.5 * self._linear
-        return _joined(
+        return self._layout.matrix(
             [side.tangent_between(before, after, step, projected) for side in self._blocks]
         )
 
@@ -275,6 +278,12 @@ class Hyperelastic:
         return sparse.csr_matrix(total)
 
     @cached_property
+    def _layout(self) -> Layout:
+        """Where the entries of the tangent stand."""
+        patterns = [side.pattern for side in self._blocks]
+        return Layout(patterns, [side.embedding for side in self._blocks], self.dimension)
+
+    @cached_property
     def _blocks(self) -> list[SvkSide]:
         """Gradients of all functions at all quadrature points, which are kept."""
         return [
@@ -306,14 +315,3 @@ def _sides(space: object) -> list[tuple[Space, sparse.csr_matrix]]:
         return [(space, sparse.identity(space.size, format="csr"))]
     count = space.spline.size
     return [(space.spline, whole[:count]), (space.tets, whole[count:])]
-
-
-def _joined(parts: Sequence[Sequence[sparse.csr_matrix]]) -> sparse.csr_matrix:
-    """The matrix of blocks (i, k), i <= k, that the parts of a body give."""
-    found = [sum(of[1:], of[0]) for of in zip(*parts, strict=True)]
-    d = {1: 1, 3: 2, 6: 3}[len(found)]
-    blocks = dict(zip(pairs(d), found, strict=True))
-    return sparse.bmat(
-        [[blocks[i, k] if i <= k else blocks[k, i].T for k in range(d)] for i in range(d)],
-        format="csr",
-    )

@@ -25,8 +25,8 @@ _ROUNDING = 1e-13
 """Of sums over all elements, relative."""
 _DIRECT = {2: 6000, 3: 600}
 """Unknowns up to which systems are factorised each time, by the dimension."""
-_LINEAR = 1e-4
-"""Residual of a linear system that is left, relative."""
+_LINEAR, _ROUGH = 1e-4, 3e-3
+"""Residual of a linear system that is left, relative; and where a tangent of earlier serves."""
 _ROUNDS = 200
 """Of conjugate gradients."""
 
@@ -94,8 +94,13 @@ class Increments:
         self._near = near[free][:, free].tocsc()
         self._factor = None
 
-    def solve(self, matrix: sparse.csr_matrix, right: np.ndarray) -> tuple[np.ndarray, bool]:
-        """A step (n, d) against a slope (n, d), and whether the matrix was found positive."""
+    def solve(
+        self, matrix: sparse.csr_matrix, right: np.ndarray, left: float = _LINEAR
+    ) -> tuple[np.ndarray, bool]:
+        """A step (n, d) against a slope (n, d), and whether the matrix was found positive.
+
+        Conjugate gradients leave a residual of ``left``, relative.
+        """
         step = np.zeros(right.T.size)
         inside = matrix if len(self.free) == len(step) else matrix[self.free][:, self.free]
         wanted = right.T.ravel()[self.free]
@@ -106,7 +111,7 @@ class Increments:
                 found = wanted
             positive = bool(np.isfinite(found).all() and found @ wanted > 0.0)
         else:
-            found, positive = self._conjugate(inside, wanted)
+            found, positive = self._conjugate(inside, wanted, left)
         step[self.free] = found
         return step.reshape(right.T.shape).T, positive
 
@@ -121,13 +126,15 @@ class Increments:
         parts = residual.reshape(self.dimension, -1).T
         return np.ascontiguousarray(self._factor.solve(np.ascontiguousarray(parts)).T).ravel()
 
-    def _conjugate(self, matrix: sparse.csr_matrix, right: np.ndarray) -> tuple[np.ndarray, bool]:
+    def _conjugate(
+        self, matrix: sparse.csr_matrix, right: np.ndarray, left: float
+    ) -> tuple[np.ndarray, bool]:
         """Conjugate gradients, which end where the matrix is not positive."""
         found = np.zeros_like(right)
         residual = right.copy()
         along = seen = self._precondition(residual)
         energy = residual @ seen
-        enough = _LINEAR * np.linalg.norm(right)
+        enough = left * np.linalg.norm(right)
         for _ in range(_ROUNDS):
             pushed = matrix @ along
             bend = along @ pushed
@@ -230,7 +237,7 @@ def balanced(
         if increments.kept is None:
             increments.kept = forces.tangent(u, projected)
             fresh = True
-        step, positive = increments.solve(increments.kept, -held)
+        step, positive = increments.solve(increments.kept, -held, _ROUGH)
         length = 1.0 if positive else 0.0
         # a tangent of earlier takes whole steps or none
         while length >= (_SHORTEST if fresh else 1.0):

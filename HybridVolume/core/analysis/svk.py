@@ -18,6 +18,7 @@ from scipy import sparse
 from ...errors import FaultError
 from ..recovery import Material
 from .assembly import Space
+from .layout import pairs
 
 
 @dataclass(frozen=True)
@@ -145,8 +146,8 @@ class SvkSide:
 
     def tangent(
         self, displacement: np.ndarray, viscous: Viscous | None, projected: bool
-    ) -> list[sparse.csr_matrix]:
-        """Blocks (i, k), i <= k, of the derivative of the forces, over the coupled unknowns."""
+    ) -> np.ndarray:
+        """Blocks (i, k), i <= k, of the derivative of the forces: entries as in `pattern`."""
         local = self.embedding @ displacement
 
         def state(number: int) -> tuple[np.ndarray, np.ndarray, float]:
@@ -184,11 +185,10 @@ class SvkSide:
 
     def tangent_between(
         self, before: np.ndarray, after: np.ndarray, step: float, projected: bool
-    ) -> list[sparse.csr_matrix]:
+    ) -> np.ndarray:
         """Near the derivative of :meth:`forces_between` by the later displacement; symmetric."""
         local = self.embedding @ after
-        blocks = self._assembled(lambda n: self._between(n, before, local, step), projected)
-        return [0.5 * block for block in blocks]
+        return 0.5 * self._assembled(lambda n: self._between(n, before, local, step), projected)
 
     def dissipated(self, before: np.ndarray, after: np.ndarray, step: float) -> float:
         """Energy that viscosity takes over a step, mJ."""
@@ -201,8 +201,8 @@ class SvkSide:
             total += float(((change**2).sum(axis=(2, 3)) * block.measure).sum())
         return self.viscosity / step * total
 
-    def _assembled(self, state: Callable, projected: bool) -> list[sparse.csr_matrix]:
-        """Stiffness of F, S and a shear modulus that ``state`` gives for each block's number."""
+    def _assembled(self, state: Callable, projected: bool) -> np.ndarray:
+        """Entries of F, S and a shear modulus that ``state`` gives for each block's number."""
         d = self.dimension
         data = np.zeros((len(pairs(d)), self.pattern.nnz))
         for number, block in enumerate(self.blocks):
@@ -222,11 +222,7 @@ class SvkSide:
                         part[:, :, a] += moduli[:, :, a, b, None] * slopes[:, :, b]
                 values = turned @ part.reshape(block.gradients.shape)
                 data[row] += np.bincount(block.slots, values.ravel(), self.pattern.nnz)
-        shape, indices, indptr = self.pattern.shape, self.pattern.indices, self.pattern.indptr
-        return [
-            self.back @ sparse.csr_matrix((values, indices, indptr), shape) @ self.embedding
-            for values in data
-        ]
+        return data
 
 
 def _moduli(
@@ -259,11 +255,6 @@ def _green(deformation: np.ndarray) -> np.ndarray:
     """Green's strain of F."""
     d = deformation.shape[-1]
     return 0.5 * (np.swapaxes(deformation, -1, -2) @ deformation - np.eye(d))
-
-
-def pairs(d: int) -> list[tuple[int, int]]:
-    """Components (i, k) with i <= k, in the order of the blocks of a tangent."""
-    return [(i, k) for i in range(d) for k in range(i, d)]
 
 
 def _is_linear(space: object) -> bool:
