@@ -11,6 +11,7 @@ from HybridVolume.core.analysis.hybrid_space import refined
 from HybridVolume.core.analysis.plane import plane_space, triangles_only
 from HybridVolume.core.analysis.plane_curve import closed_spline, ellipse, joined
 from HybridVolume.core.analysis.poisson import solve_poisson
+from HybridVolume.core.analysis.simplex_space import cut_rule
 from HybridVolume.core.bspline import clamped_knots
 from HybridVolume.core.recovery import Material
 from HybridVolume.errors import GapError, InputError
@@ -207,3 +208,23 @@ def test_gradients_at_places():
             (part @ field) * along[:, c] for c, part in enumerate(ring.gradients_at(patch, u, w))
         )
         assert np.abs(along[:, 2] - slope).max() < 1e-8, k
+
+
+def test_edges_over_two_spans():
+    # the curve has a knot in the middle of each edge, where the ring's functions are only C²
+    both = plane_space(clover().refined(2), 0.4, 2, 3, "nitsche", nodes=0.5)
+    off = []
+    for _ in range(3):
+        off.append(solve_poisson(both, lambda x: 5.0 * wave(x), wave).errors(wave, wave_slope))
+        both = refined(both)
+    assert (np.log2(np.divide(off[1], off[2])) >= (3.8, 2.8)).all()
+
+
+@pytest.mark.parametrize(("dimension", "volume"), [(1, 1.0), (2, 0.5)])
+def test_cut_rules(dimension, volume):
+    at, weight = cut_rule(dimension, 2, 3)
+    assert weight.min() > 0.0 and weight.sum() == pytest.approx(volume, rel=1e-14)
+    assert at.min() > 0.0 and at.sum(axis=1).max() < 1.0
+    # exact for a function that is linear in each part: |3 x - 1| has a kink at a cut
+    exact = 5.0 / 6.0 if dimension == 1 else 8.0 / 27.0
+    assert np.abs(3.0 * at[:, 0] - 1.0) @ weight == pytest.approx(exact, rel=1e-14)

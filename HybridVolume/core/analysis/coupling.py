@@ -21,6 +21,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
+from ..bspline import KNOT_TOLERANCE
 from ..recovery import Material
 from .assembly import elastic, stiffness
 from .samples import FaceSamples
@@ -146,7 +147,7 @@ class NitscheSpace:
 
     @cached_property
     def _faces(self) -> FaceSamples:
-        return self.tets.face_samples()
+        return self.tets.face_samples(parts=_spans_across(self.spline, self.tets))
 
     @cached_property
     def _jump(self) -> sparse.csr_matrix:
@@ -227,6 +228,24 @@ class NitscheSpace:
     def parts(self, solution: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Coefficients of the shell and values at all nodes of the core, of (size, ...) arrays."""
         return solution[: self.spline.size], solution[self.spline.size :]
+
+
+def _spans_across(spline: SplineSpace, tets: SimplexSpace) -> int:
+    """Most knot spans that a face of the core reaches over, along one parameter.
+
+    Quadrature over whole faces would miss the knots, where the shell's functions are not smooth: an
+    error that hardly falls with h.
+    """
+    low, high = tets.face_uv.min(axis=1), tets.face_uv.max(axis=1)
+    most = 1
+    for way in range(low.shape[1]):
+        # knots of all patches on one line, each patch apart from the next
+        lines = np.concatenate([3.0 * k + breaks[way] for k, breaks in enumerate(spline.breaks)])
+        start = 3.0 * tets.face_patch
+        first = np.searchsorted(lines, start + low[:, way] + KNOT_TOLERANCE, side="right")
+        behind = np.searchsorted(lines, start + high[:, way] - KNOT_TOLERANCE, side="left")
+        most = max(most, int((behind - first).max()) + 1)
+    return most
 
 
 def _apart(shell: sparse.spmatrix, core: sparse.spmatrix) -> sparse.csr_matrix:

@@ -80,6 +80,11 @@ class PlaneRing:
         return self.curve.names
 
     @property
+    def breaks(self) -> tuple[tuple[np.ndarray, ...], ...]:
+        """Distinct knots of each arc."""
+        return tuple((breaks,) for breaks in self.curve.breaks)
+
+    @property
     def columns(self) -> int:
         """Number of columns."""
         return self.homogeneous.shape[1]

@@ -94,6 +94,18 @@ def simplex_rule(dimension: int, points: int) -> tuple[np.ndarray, np.ndarray]:
     return quadrature("tri" if dimension == 2 else "tet", points)
 
 
+def cut_rule(dimension: int, points: int, parts: int) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss points and weights of a reference edge or triangle whose sides are cut into parts."""
+    at, weight = simplex_rule(dimension, points)
+    corner = np.array(list(product(range(parts), repeat=dimension)))
+    corner = corner[corner.sum(axis=1) < parts]
+    # in a triangle, those between three of the first kind are turned by half a turn
+    turned = corner[corner.sum(axis=1) < parts - 1] + 1 if dimension == 2 else corner[:0]
+    places = np.concatenate([corner[:, None] + at, turned[:, None] - at]) / parts
+    count = len(corner) + len(turned)
+    return places.reshape(-1, dimension), np.tile(weight, count) / parts**dimension
+
+
 def lattice_keys(simplices: np.ndarray, degree: int) -> np.ndarray:
     """What each lattice node of simplices is the mean of, (m, n, degree), sorted.
 
@@ -188,16 +200,19 @@ class SimplexSpace:
                 np.linalg.det(jacobian) * weight,
             )
 
-    def face_samples(self, points: int | None = None) -> FaceSamples:
+    def face_samples(self, points: int | None = None, parts: int = 1) -> FaceSamples:
         """Functions and their gradients at Gauss points of the interface's faces.
 
         Parameters
         ----------
         points : int, optional
             Gauss points a direction.
+        parts : int
+            Parts that each side is cut into, with so many points in each: for faces that reach
+            over knots, where the functions beside them are not smooth.
         """
         dim = self.dimension
-        at, weight = simplex_rule(dim - 1, points or self.degree + 3)
+        at, weight = cut_rule(dim - 1, points or self.degree + 3, parts)
         share = np.column_stack([1.0 - at.sum(axis=1), at])
         element, corners = self.elements_of_faces
         count = len(weight)

@@ -86,6 +86,14 @@ class SplineSpace:
         """CAD faces, each once, in the order of their patches."""
         return tuple(dict.fromkeys(self.patch_faces))
 
+    @cached_property
+    def breaks(self) -> tuple[tuple[np.ndarray, ...], ...]:
+        """Distinct knots of each patch along u and v."""
+        return tuple(
+            tuple(bspline.breakpoints(knots) for knots in patch.knots)
+            for patch in self.shell.surface.patches
+        )
+
     @property
     def columns(self) -> int:
         """Number of columns."""
@@ -184,7 +192,7 @@ class SplineSpace:
             unknowns,
             values @ euclidean,
             values,
-            np.linalg.solve(jacobian, along),
+            np.linalg.inv(jacobian) @ along,
             determinant * _products([weight[None, None]] * 3)[0, 0],
         )
 
