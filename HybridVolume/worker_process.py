@@ -94,7 +94,7 @@ class WorkerProcess:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=file,
-                env=_variables(folder, free_only),
+                env=worker_variables(folder, free_only),
                 # A group of its own: Cancel must reach the meshers that the worker starts,
                 # and Ctrl-C in a terminal must not reach the worker before us.
                 **_new_group(),
@@ -169,8 +169,16 @@ class WorkerProcess:
         self._lines.put(None)
 
 
-def _variables(folder: Path, free_only: bool) -> dict[str, str]:
-    """Variables for the worker: its Python must find its own libraries, and our package."""
+def worker_variables(folder: Path, free_only: bool = False) -> dict[str, str]:
+    """Variables for the worker: its Python must find its own libraries, and our package.
+
+    Parameters
+    ----------
+    folder : Path
+        For its temporary files.
+    free_only : bool
+        Leave the GPL parts out.
+    """
     variables = dict(os.environ)
     for name in ("PYTHONHOME", "PYTHONPATH", "PYTHONSTARTUP"):
         variables.pop(name, None)

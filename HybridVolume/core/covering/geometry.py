@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""The curves and surfaces below a body's edges and faces, exactly as NURBS: values and feet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from .. import bspline
+from ..surface import SplineFace
+
+SEEDS = 4
+"""Seeds in a knot span and direction, at least; the nearest of all is where a search begins."""
+
+STEPS = 30
+"""Longest search for a foot; nearly all end after five."""
+
+
+@dataclass(frozen=True)
+class SplineCurve:
+    """The curve of an edge over the edge's own range.
+
+    Attributes
+    ----------
+    degree : int
+    knots : array
+        Full clamped knot vector.
+    control_points : (n, 3) array
+        mm
+    weights : (n,) array
+        Positive.
+    """
+
+    degree: int
+    knots: np.ndarray
+    control_points: np.ndarray
+    weights: np.ndarray
+
+    def evaluate(self, t: np.ndarray, derivative: int = 0) -> np.ndarray:
+        """Points, or first or second derivatives, at m parameters, (m, 3)."""
+        rows = np.hstack([self.control_points * self.weights[:, None], self.weights[:, None]])
+        homogeneous = []
+        for order in range(derivative + 1):
+            first, values = bspline.basis_functions(self.degree, self.knots, t, order)
+            local = rows[first[:, None] + np.arange(self.degree + 1)]
+            homogeneous.append(np.einsum("mi,mid->md", values, local))
+        return _quotient(homogeneous)
+
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """Parameters of the nearest places of m points, (m,)."""
+        lines = bspline.breakpoints(self.knots)
+        seeds = _refined(lines, max(2 * SEEDS, 4 * self.degree))
+        t = seeds[cKDTree(self.evaluate(seeds)).query(points)[1]]
+        for _ in range(STEPS):
+            off = self.evaluate(t) - points
+            along, bent = self.evaluate(t, 1), self.evaluate(t, 2)
+            slope = np.einsum("md,md->m", off, along)
+            square = np.einsum("md,md->m", along, along)
+            curved = square + np.einsum("md,md->m", off, bent)
+            # where the function is not convex, the step of Gauss and Newton leads down anyway
+            step = slope / np.where(curved > 0.1 * square, curved, np.maximum(square, 1e-300))
+            new = np.clip(t - step, lines[0], lines[-1])
+            done = np.abs(new - t) <= 1e-14 * (lines[-1] - lines[0])
+            t = new
+            if done.all():
+                break
+        return t
+
+
+def evaluate(face: SplineFace, uv: np.ndarray, derivative: int = 0) -> list[np.ndarray]:
+    """Points of a face at m places, and first (and second) derivatives.
+
+    Parameters
+    ----------
+    face : SplineFace
+    uv : (m, 2) array
+    derivative : {0, 1, 2}
+
+    Returns
+    -------
+    list of (m, 3) array
+        The point; along u, v; along uu, uv, vv.
+    """
+    orders = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)][: (1, 3, 6)[derivative]]
+    tables = [
+        [
+            bspline.basis_functions(degree, knots, x, order)
+            for order in range(min(derivative, 2) + 1)
+        ]
+        for degree, knots, x in zip(face.degrees, face.knots, np.asarray(uv).T, strict=True)
+    ]
+    rows = np.concatenate([face.control_points * face.weights[..., None],
+                           face.weights[..., None]], axis=2)  # fmt: skip
+    first = [table[0][0] for table in tables]
+    local = rows[
+        first[0][:, None, None] + np.arange(face.degrees[0] + 1)[:, None],
+        first[1][:, None, None] + np.arange(face.degrees[1] + 1),
+    ]
+    value = {
+        (a, b): np.einsum("mi,mj,mijd->md", tables[0][a][1], tables[1][b][1], local, optimize=True)
+        for a, b in orders
+    }
+    weight = value[0, 0][:, 3:]
+    x = value[0, 0][:, :3] / weight
+    found = [x]
+    if derivative:
+        u, v = ((value[key][:, :3] - value[key][:, 3:] * x) / weight for key in ((1, 0), (0, 1)))
+        found += [u, v]
+    if derivative == 2:
+        for key, (one, other) in zip(
+            ((2, 0), (1, 1), (0, 2)), (((1, 0), (1, 0)), ((1, 0), (0, 1)), ((0, 1), (0, 1))),
+            strict=True,
+        ):  # fmt: skip
+            slopes = {(1, 0): u, (0, 1): v}
+            found.append(
+                (
+                    value[key][:, :3]
+                    - value[key][:, 3:] * x
+                    - value[one][:, 3:] * slopes[other]
+                    - value[other][:, 3:] * slopes[one]
+                )
+                / weight
+            )
+    return found
+
+
+def project(face: SplineFace, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Feet of points on the untrimmed surface of a face.
+
+    Parameters
+    ----------
+    face : SplineFace
+    points : (m, 3) array
+        mm; near the face.
+
+    Returns
+    -------
+    uv : (m, 2) array
+    feet : (m, 3) array
+        mm
+    """
+    lines = [
+        _refined(bspline.breakpoints(knots), max(SEEDS, 2 * degree))
+        for knots, degree in zip(face.knots, face.degrees, strict=True)
+    ]
+    low, high = (np.array([line[k] for line in lines]) for k in (0, -1))
+    seeds = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 2)
+    uv = seeds[cKDTree(evaluate(face, seeds)[0]).query(points)[1]]
+    best = np.linalg.norm(evaluate(face, uv)[0] - points, axis=1)
+    for _ in range(STEPS):
+        x, u, v, uu, uw, vv = evaluate(face, uv, 2)
+        off = x - points
+        slope = np.stack([_dot(off, u), _dot(off, v)], axis=1)
+        first = np.array([[_dot(u, u), _dot(u, v)], [_dot(u, v), _dot(v, v)]]).transpose(2, 0, 1)
+        bent = np.array([[_dot(off, uu), _dot(off, uw)], [_dot(off, uw), _dot(off, vv)]])
+        whole = first + bent.transpose(2, 0, 1)
+        # second derivatives count where they leave the function convex
+        trace, determinant = np.trace(first, axis1=1, axis2=2), np.linalg.det(whole)
+        convex = (determinant > 1e-3 * np.linalg.det(first)) & (whole[:, 0, 0] > 0.0)
+        matrix = np.where(convex[:, None, None], whole, first)
+        matrix = matrix + 1e-14 * np.maximum(trace, 1e-300)[:, None, None] * np.eye(2)
+        step = np.linalg.solve(matrix, slope[..., None])[..., 0]
+        new = uv
+        for share in (1.0, 0.25, 0.0625):
+            trial = np.clip(uv - share * step, low, high)
+            reached = np.linalg.norm(evaluate(face, trial)[0] - points, axis=1)
+            better = reached < best
+            new = np.where(better[:, None], trial, new)
+            best = np.where(better, reached, best)
+        done = np.abs(new - uv) <= 1e-14 * (high - low)
+        uv = new
+        if done.all():
+            break
+    return uv, evaluate(face, uv)[0]
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.einsum("md,md->m", a, b)
+
+
+def _refined(lines: np.ndarray, parts: int) -> np.ndarray:
+    share = np.arange(parts) / parts
+    inside = (lines[:-1, None] + np.diff(lines)[:, None] * share).ravel()
+    return np.append(inside, lines[-1])
+
+
+def _quotient(homogeneous: list[np.ndarray]) -> np.ndarray:
+    """The last derivative of x/w from those of x and w, of order at most 2."""
+    w = homogeneous[0][:, 3:]
+    x = homogeneous[0][:, :3] / w
+    if len(homogeneous) == 1:
+        return x
+    first = (homogeneous[1][:, :3] - homogeneous[1][:, 3:] * x) / w
+    if len(homogeneous) == 2:
+        return first
+    second = homogeneous[2]
+    return (second[:, :3] - second[:, 3:] * x - 2.0 * homogeneous[1][:, 3:] * first) / w

@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""Seams are cut away: closed faces get edges along their iso-parameter curves.
+
+A face that closes upon itself (a cylinder, a torus, a closed B-spline) has an edge that bounds it
+on both sides. Cut at quarters of the closed direction it becomes ordinary faces on the same
+surface. OCC's general fuse does the cutting, so that neighbours get the new vertices too.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .. import errors
+
+logger = logging.getLogger(__name__)
+
+QUARTERS = (0.25, 0.5, 0.75)
+"""Where a closed face is cut: pieces turn by a quarter at most, a piece each side of the seam."""
+
+VOLUME_TOLERANCE = 1e-4
+"""Largest change of the volume by cutting, as a share of it; OCC's integration counts too."""
+
+
+@dataclass(frozen=True)
+class Imprinted:
+    """A solid without seams.
+
+    Attributes
+    ----------
+    solid : Part.Solid
+    origin : (n,) int array
+        Face of the solid as it was given that each face of it is a piece of, from 0.
+    """
+
+    solid: Any
+    origin: np.ndarray
+
+
+def has_seam(face: Any) -> bool:
+    """Whether an edge bounds a face on both sides."""
+    # isSeam is also true of the pieces beside a former seam, which have a curve each on one surface
+    for wire in face.Wires:
+        known: dict[int, list] = {}
+        for edge in wire.childShapes(True, True):
+            alike = known.setdefault(edge.hashCode(), [])
+            if not edge.Degenerated and any(edge.isSame(other) for other in alike):
+                return True
+            alike.append(edge)
+    return False
+
+
+def seam_cuts(face: Any) -> list:
+    """Edges that cut a face with a seam at quarters of the directions in which it is closed.
+
+    Parameters
+    ----------
+    face : Part.Face
+
+    Returns
+    -------
+    list of Part.Edge
+        None for a face without a seam.
+    """
+    if not has_seam(face):
+        return []
+    surface, limits = face.Surface, face.ParameterRange
+    cuts = []
+    for across, closed in enumerate((surface.isUClosed(), surface.isVClosed())):
+        low, high = limits[2 * across : 2 * across + 2]
+        span = _whole_turn(surface, across)
+        # a face may cover a part of the closed direction only
+        if not closed or high - low < (1.0 - 1e-6) * span:
+            continue
+        iso = surface.vIso if across else surface.uIso
+        ends = limits[0:2] if across else limits[2:4]
+        for quarter in QUARTERS:
+            line = iso(low + quarter * (high - low)).toShape(*ends)
+            # a trimmed face does not reach everywhere, and its neighbours must not be scratched
+            cuts += line.common(face).Edges
+    return cuts
+
+
+def _whole_turn(surface: Any, across: int) -> float:
+    """Length of the range of a surface's closed direction."""
+    if (surface.isVPeriodic if across else surface.isUPeriodic)():
+        return surface.VPeriod() if across else surface.UPeriod()
+    bounds = surface.bounds()
+    return bounds[2 * across + 1] - bounds[2 * across]
+
+
+def imprint_seams(solid: Any) -> Imprinted:
+    """Cut the faces of a solid that close upon themselves.
+
+    Parameters
+    ----------
+    solid : Part.Solid
+
+    Returns
+    -------
+    Imprinted
+        The solid itself where no face has a seam.
+
+    Raises
+    ------
+    FaultError
+        OCC does not cut the faces into a closed, valid solid of the same volume without seams;
+        the faces are named.
+    """
+    import Part
+
+    cuts, seamed = [], []
+    for number, face in enumerate(solid.Faces):
+        found = seam_cuts(face)
+        if found or has_seam(face):
+            seamed.append(f"Face{number + 1}")
+        cuts += found
+    if not seamed:
+        return Imprinted(solid, np.arange(len(solid.Faces)))
+    try:
+        # general fuse is symmetric: the edges are in the result only where they cut a face
+        solids = solid.generalFuse(cuts, 0.0)[0].Solids if cuts else [solid]
+    except Part.OCCError as error:
+        raise _failed(f"OCC cannot cut the closed faces ({error})", seamed) from error
+    if len(solids) != 1:
+        raise _failed("the closed faces cannot be cut", seamed, float(len(solids)))
+    (cut,) = solids
+    left = sum(has_seam(face) for face in cut.Faces)
+    if left:
+        raise _failed(f"{left} faces still close upon themselves after cutting", seamed, left)
+    if not cut.isClosed() or not cut.isValid():
+        raise _failed("the solid is not closed and valid any more after cutting", seamed)
+    change = abs(cut.Volume / solid.Volume - 1.0)
+    if not change <= VOLUME_TOLERANCE:
+        raise _failed(f"cutting changes the volume by {change:.1e}", seamed, change)
+    logger.info("%d closed faces cut: %d faces", len(seamed), len(cut.Faces))
+    return Imprinted(cut, _origins(cut, solid))
+
+
+def _failed(what: str, faces: list[str], figure: float | None = None) -> errors.FaultError:
+    return errors.FaultError(
+        what,
+        faces=faces,
+        figure=figure,
+        remedy="split these faces in the CAD program, and check the solid there",
+    )
+
+
+def _origins(cut: Any, solid: Any) -> np.ndarray:
+    """Faces that pieces come from: those whose area a point inside the piece lies on."""
+    boxes = [face.BoundBox for face in solid.Faces]
+    reach = 1e-6 * solid.BoundBox.DiagonalLength
+    for box in boxes:
+        box.enlarge(reach)
+    found = []
+    for piece in cut.Faces:
+        point = _inside(piece)
+        near = [k for k, box in enumerate(boxes) if box.isInside(point)]
+        off = [_distance(point, solid.Faces[k]) for k in near]
+        found.append(near[int(np.argmin(off))] if near else -1)
+    origin = np.array(found)
+    if np.any(origin < 0) or len(np.unique(origin)) != len(solid.Faces):
+        raise errors.FaultError(
+            "pieces of cut faces cannot be told apart",
+            faces=[f"Face{k + 1}" for k in np.setdiff1d(np.arange(len(solid.Faces)), origin)],
+            remedy="report this body",
+        )
+    return origin
+
+
+def _inside(face: Any) -> Any:
+    """A point inside a face, away from its edges as far as a coarse grid tells."""
+    limits = face.ParameterRange
+    for parts in (2, 3, 5, 9, 17, 33):
+        share = (np.arange(1, parts)) / parts
+        for s in share.tolist():
+            for t in share.tolist():
+                u = limits[0] + s * (limits[1] - limits[0])
+                v = limits[2] + t * (limits[3] - limits[2])
+                if face.isPartOfDomain(u, v):
+                    return face.Surface.value(u, v)
+    return face.CenterOfMass
+
+
+def _distance(point: Any, face: Any) -> float:
+    import Part
+
+    return Part.Vertex(point).distToShape(face)[0]

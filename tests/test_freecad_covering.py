@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""Solids with seams, poles and holes are covered with four-sided patches."""
+
+import numpy as np
+import pytest
+
+from HybridVolume import errors
+from HybridVolume.core.assembly import build_surface
+from HybridVolume.core.check import check_surface
+from HybridVolume.core.covering.geometry import project
+from HybridVolume.freecad_python import import_freecad
+from HybridVolume.sources.covering import cover_solid
+from HybridVolume.sources.exact_geometry import curves_of, surfaces_of
+from HybridVolume.sources.faces import evaluate_face, random_parameters
+from HybridVolume.sources.imprint import has_seam, imprint_seams
+from HybridVolume.sources.outlines import outline_of
+
+try:
+    FreeCAD = import_freecad()
+    import Part
+except (errors.SetupError, ImportError) as reason:
+    pytest.skip(f"FreeCAD: {reason}", allow_module_level=True)
+
+
+def plate():
+    """A plate with two holes, one of them blind, and a rounded edge."""
+    box = Part.makeBox(40, 30, 10)
+    box = box.makeFillet(
+        3, [edge for edge in box.Edges if edge.BoundBox.XMax < 1 > edge.BoundBox.YMax]
+    )
+    through = Part.makeCylinder(4, 10, FreeCAD.Vector(12, 15, 0))
+    blind = Part.makeCylinder(5, 6, FreeCAD.Vector(28, 15, 4))
+    return box.cut(through).cut(blind).Solids[0]
+
+
+@pytest.mark.parametrize(
+    ("solid", "pieces"),
+    [
+        (Part.makeCylinder(5, 20), [4, 1, 1]),
+        (Part.makeTorus(10, 3), [16]),
+        (Part.makeSphere(10), [4]),
+        (Part.makeBox(1, 2, 3), [1] * 6),
+    ],
+)
+def test_seams_are_cut_away(solid, pieces):
+    cut = imprint_seams(solid)
+    assert sorted(np.bincount(cut.origin).tolist(), reverse=True) == pieces
+    assert cut.solid.isValid() and cut.solid.isClosed()
+    assert cut.solid.Volume == pytest.approx(solid.Volume, rel=1e-9)
+    assert not any(has_seam(face) for face in cut.solid.Faces)
+    # general fuse keeps the numbers of faces apart: a piece's surface is that of its origin
+    for piece, origin in zip(cut.solid.Faces, cut.origin.tolist(), strict=True):
+        assert piece.Surface.TypeId == solid.Faces[origin].Surface.TypeId
+
+
+def test_outlines_know_sides_and_corners():
+    box = outline_of(Part.makeBox(1, 2, 3))
+    assert box.face_count == 6 and box.length.sum() == pytest.approx(4 * (1 + 2 + 3))
+    assert all(len(box.sides(face)) == 4 for face in range(6))
+    assert np.degrees(box.corner) == pytest.approx(90.0)
+    cylinder = outline_of(imprint_seams(Part.makeCylinder(5, 20)).solid)
+    sides = [cylinder.sides(face) is not None for face in range(cylinder.face_count)]
+    assert sum(sides) == 4  # the quarters of the wall; the discs have no corners
+    assert cylinder.turning.sum() == pytest.approx(2 * 2 * np.pi, rel=1e-6)
+
+
+def test_geometry_is_exact():
+    solid = imprint_seams(plate()).solid
+    for edge, curve in zip(solid.Edges, curves_of(solid), strict=True):
+        t = np.linspace(*edge.ParameterRange, 7)
+        points = np.array([tuple(edge.valueAt(float(x))) for x in t])
+        assert np.abs(curve.evaluate(curve.project(points)) - points).max() < 1e-7
+    for face, surface in zip(solid.Faces, surfaces_of(solid), strict=True):
+        points = np.array([tuple(vertex.Point) for vertex in face.Vertexes])
+        assert np.abs(project(surface, points)[1] - points).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("solid", "genus"), [(Part.makeCylinder(5, 20), 0), (Part.makeSphere(10), 0), (plate(), 1)]
+)
+def test_covers_are_closed_and_near(solid, genus, python, monkeypatch):
+    monkeypatch.setenv("HYBRIDVOLUME_PYTHON", python)
+    covered = cover_solid(solid)
+    surface = build_surface(list(covered.faces))
+    check_surface(surface)
+    assert surface.genus == (genus,)
+    assert surface.volume() == pytest.approx(solid.Volume, rel=2e-4)
+    assert sorted(set(covered.origin.tolist())) == list(range(len(solid.Faces)))
+    allowed = 1e-4 * solid.BoundBox.DiagonalLength
+    assert covered.deviation.max() <= allowed
+    rng = np.random.default_rng(1)
+    for k in rng.choice(len(covered.faces), 12, replace=False).tolist():
+        patch, face = covered.faces[k], solid.Faces[covered.origin[k]]
+        assert patch.name.startswith(f"Face{covered.origin[k] + 1}.")
+        for point in evaluate_face(patch, *random_parameters(k, 3)):
+            off = Part.Vertex(FreeCAD.Vector(*point)).distToShape(face)[0]
+            assert off <= 1.5 * allowed
