@@ -15,7 +15,7 @@ from .assembly import errors, load
 from .boundary import boundary_load, given_on_faces
 from .coupling import CollocationSpace, NitscheSpace
 from .linear import solve_fixed
-from .rigid import holding, without_motion
+from .rigid import free_motions, holding, without_motion
 
 _BALANCED = 1e-4
 """Share of the largest load that may act on what holds a body whose loads balance."""
@@ -90,9 +90,10 @@ def solve_elasticity(
     Raises
     ------
     InputError
-        There is no such face, nothing is fixed, or the loads of a free body do not balance.
+        There is no such face, nothing is fixed or not enough that the body cannot move freely, or
+        the loads of a free body do not balance.
     FaultError
-        The linear system was not solved: the body can still move freely.
+        The linear system was not solved.
     """
     if not fixed and not balanced:
         raise InputError("nothing is fixed", remedy="give displacements on a face")
@@ -118,6 +119,7 @@ def solve_elasticity(
         values = np.zeros(len(unknown))
     else:
         unknown, component, values = given_on_faces(spline, fixed, space.dimension)
+        _require_held(space, unknown, component)
     found = solve_fixed(matrix, right, unknown + component * space.size, values)
     forces = matrix @ found
     reactions = (forces - right).reshape(space.dimension, -1).T
@@ -132,3 +134,16 @@ def solve_elasticity(
             )
         field = without_motion(space, field)
     return Displacement(space, field, 0.5 * float(found @ forces), reactions)
+
+
+def _require_held(
+    space: CollocationSpace | NitscheSpace, unknown: np.ndarray, component: np.ndarray
+) -> None:
+    """Refuse supports that let the body move: loads may not act that way, and hide it."""
+    count = free_motions(space, unknown, component)
+    if count:
+        raise InputError(
+            f"the supports leave the body {count} rigid motion{'s' * (count > 1)}",
+            figure=float(count),
+            remedy="give values at enough faces that the body cannot move freely",
+        )

@@ -67,6 +67,28 @@ def holding(space: CollocationSpace | NitscheSpace) -> tuple[np.ndarray, np.ndar
     return np.array(unknown), np.array(component)
 
 
+def free_motions(
+    space: CollocationSpace | NitscheSpace, unknown: np.ndarray, component: np.ndarray
+) -> int:
+    """How many independent rigid motions given components of unknowns do not hinder.
+
+    Parameters
+    ----------
+    space : CollocationSpace or NitscheSpace
+    unknown, component : (k,) int arrays
+    """
+    points = coefficient_points(space)
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    moves = rigid_motions(points)
+    # turns by an angle that moves the body's ends by about its size, as translations do
+    moves[space.dimension :] /= size
+    held = np.zeros((len(moves), len(moves)))
+    if len(unknown):
+        there = moves[:, unknown, component]
+        held = there @ there.T / len(unknown)
+    return int((np.linalg.eigvalsh(held) < 1e-14).sum())
+
+
 def without_motion(space: CollocationSpace | NitscheSpace, values: np.ndarray) -> np.ndarray:
     """Displacements (size, d) with the rigid motion off that is nearest to them in L2."""
     moves = rigid_motions(coefficient_points(space))
