@@ -35,7 +35,9 @@ DEGREE = 3
 """Of the boundary and of the layers: C² elements, as in the paper's figure."""
 AGAINST = 0.03
 """Share by which numbers of unknowns may differ."""
-SHARES = np.linspace(1.3, 0.85, 19)
+CLOSE = 0.01
+"""Share that is near enough."""
+SHARES = (1.0, 1.05, 0.95, 1.1, 1.15, 0.9, 1.2, 1.25, 0.85, 1.3)
 """Sizes of triangles that are tried, as shares of the edges around them."""
 POINTS = 8
 """Gauss points a direction at which the area is measured that is flipped."""
@@ -93,8 +95,6 @@ class Drop:
         Time that, times Young's modulus, is the viscosity, s.
     step, duration : float
         Of the motion from the first touch on, s.
-    beta, gamma : float
-        Of Newmark's rule; it damps what a hard impact rouses between the elements.
     contact : float
         Stiffness of the plane, MPa/mm, as a share of Young's modulus for each mm.
     """
@@ -110,8 +110,6 @@ class Drop:
     viscosity: float = 1.5e-3
     step: float = 1e-3
     duration: float = 0.2
-    beta: float = 0.3025
-    gamma: float = 0.6
     contact: float = 2.0
 
     @property
@@ -125,8 +123,10 @@ class Drop:
         return self.density * self.speed**2 / self.young
 
 
-CALMING, LONG = 10.0, 8.0
-"""Times the viscosity, and times the step, with which a body then comes to rest."""
+CALMING, LONG = 10.0, 16.0
+"""Times the viscosity, and at most times the step, with which a body then comes to rest."""
+FAR = 0.01
+"""Share of the radius by which a step may move it then, where steps are longer than before."""
 CALM = 1e-3
 """Forces that are left at rest, as a share of the weight."""
 CALMING_STEPS = 500
@@ -154,8 +154,8 @@ def circle(radius: float, spans: int, turn: float = 0.0) -> PlaneCurve:
 def disk(body: Body, drop: Drop) -> CollocationSpace:
     """The space of a disk with about as many unknowns as wanted.
 
-    Spans (edges, for triangles alone) are counted up until there are enough unknowns with
-    triangles inside that are as long as the edges around them; the size inside does the rest.
+    As many spans (edges, for triangles alone) as give enough unknowns with triangles inside that
+    are as long as the edges around them; the size inside does the rest.
 
     Raises
     ------
@@ -170,11 +170,21 @@ def disk(body: Body, drop: Drop) -> CollocationSpace:
             return triangles_only(curve, share * edge)
         return plane_space(curve, body.depth, body.layers, 1, size=share * edge)
 
-    spans = DEGREE + 1
-    while made(spans, 1.0).size < drop.unknowns:
-        spans += 1
-    tried = (made(n, share) for n in (spans, spans - 1) for share in SHARES)
-    found = min(tried, key=lambda space: abs(space.size - drop.unknowns))
+    few, enough = DEGREE + 1, int(max(6.0 * drop.unknowns**0.5, drop.unknowns / 4))
+    while enough - few > 1:
+        middle = (few + enough) // 2
+        if made(middle, 1.0).size < drop.unknowns:
+            few = middle
+        else:
+            enough = middle
+    found = None
+    for spans, share in ((n, share) for share in SHARES for n in (enough, few)):
+        space = made(spans, share)
+        off = abs(space.size - drop.unknowns)
+        if found is None or off < abs(found.size - drop.unknowns):
+            found = space
+        if off <= CLOSE * drop.unknowns:
+            return space
     if abs(found.size - drop.unknowns) > AGAINST * drop.unknowns:
         raise FaultError(f"{body.name}: {found.size} unknowns instead of {drop.unknowns}")
     return found
@@ -269,13 +279,13 @@ def dropped(
     ring = space.spline if body.layers else None
     plane = PlaneContact(np.array([0.0, 1.0]), -drop.radius, drop.contact * drop.young)
     count = round(drop.duration / drop.step)
-    rule = _rule(space, drop, plane, 1.0, drop.step, beta=drop.beta, gamma=drop.gamma)
+    rule = _rule(_elastic(space, drop), drop, plane, drop.step, rule="conserving")
     start = rule.start([0.0, -drop.speed])
     first = rule.energies(start)
-    states, most, iterations = [_row(rule, start, space)], 0, 0
+    states, most, iterations = [_row(rule, start)], 0, 0
     impact = start
     for number, motion in enumerate(rule.run(start, count)):
-        states.append(_row(rule, motion, space))
+        states.append(_row(rule, motion))
         iterations += motion.iterations
         if states[-1]["elastic"] >= max(row["elastic"] for row in states):
             impact = motion
@@ -283,7 +293,7 @@ def dropped(
         if told_to and number % 20 == 0:
             told_to(number / count, f"{motion.time:.3f} s, {states[-1]['flipped']} flipped")
     totals = np.array([row["total"] for row in states])
-    still, left = _calmed(space, drop, plane, motion)
+    still, left, later = _calmed(space, drop, plane, motion)
     return {
         "body": asdict(body),
         "drop": asdict(drop),
@@ -295,60 +305,72 @@ def dropped(
         "iterations": iterations,
         "impact": _state(rule, space, impact),
         "rest": {**_state(rule, space, still), "forces_left": left},
-        "most": most,
+        "most": max(most, later),
         "energies": states,
         "drift": float(np.abs(totals - totals[0]).max() / first.kinetic),
         "seconds_cpu": time.process_time() - started,
     }
 
 
-def _rule(
-    space: CollocationSpace,
-    drop: Drop,
-    plane: PlaneContact,
-    viscous: float,
-    step: float,
-    **rule: float,
-) -> Newmark:
-    """Steps in time, with a multiple of the viscosity."""
-    elastic = Material(drop.young, drop.poisson)
+def _elastic(space: CollocationSpace, drop: Drop, viscous: float = 1.0) -> Hyperelastic:
+    """The body, with a multiple of the viscosity."""
     viscosity = viscous * drop.viscosity * drop.young
-    body = Hyperelastic(space, elastic, drop.density, law="svk", viscosity=viscosity)
+    material = Material(drop.young, drop.poisson)
+    return Hyperelastic(space, material, drop.density, law="svk", viscosity=viscosity)
+
+
+def _rule(body: Hyperelastic, drop: Drop, plane: PlaneContact, step: float, **rule: Any) -> Newmark:
+    """Steps in time."""
     return Newmark(body, step, gravity=[0.0, -drop.gravity], contacts=[plane], **rule)
 
 
 def _calmed(
     space: CollocationSpace, drop: Drop, plane: PlaneContact, motion: Motion
-) -> tuple[Motion, float]:
-    """The body at rest, and the forces that are left, as a share of its weight.
+) -> tuple[Motion, float, int]:
+    """The body at rest, the forces that are left as a share of its weight, and the most flips.
 
-    More viscosity, long steps and a rule that damps itself take the energy out quickly.
+    More viscosity and a rule that damps itself take the energy out; steps grow as it slows down,
+    so that none moves it far.
     """
-    rule = _rule(space, drop, plane, CALMING, LONG * drop.step, beta=0.5625, gamma=1.0)
-    weight = float(np.linalg.norm(rule.load))
-    left = np.inf
-    for now in rule.run(rule.start(motion.velocity, motion.displacement), CALMING_STEPS):
-        forces = rule.body.forces(now.displacement) - rule.load
-        forces = forces + sum(contact.forces(now.displacement) for contact in rule.contacts)
-        left = float(np.linalg.norm(forces)) / weight
+    body = _elastic(space, drop, CALMING)
+    began, most, left = motion.time, 0, np.inf
+    step, rule = 0.0, None
+    for _ in range(CALMING_STEPS):
+        fastest = float(np.linalg.norm(motion.velocity, axis=1).max())
+        wanted = np.clip(FAR * drop.radius / max(fastest, 1e-12), drop.step, LONG * drop.step)
+        doubled = drop.step * 2.0 ** np.floor(np.log2(wanted / drop.step) + 1e-9)
+        if doubled != step:
+            step = float(doubled)
+            rule = _rule(body, drop, plane, step, beta=0.5625, gamma=1.0)
+            motion = rule.start(motion.velocity, motion.displacement)
+        motion = rule.advance(motion)
+        began += step
+        u = motion.displacement
+        most = max(most, _count(body, u))
+        forces = body.forces(u) - rule.load + sum(c.forces(u) for c in rule.contacts)
+        left = float(np.linalg.norm(forces) / np.linalg.norm(rule.load))
         if left <= CALM:
-            return replace(now, time=motion.time + now.time), left
+            return replace(motion, time=began), left, most
     raise FaultError(
-        f"not at rest after {now.time:.2f} s: {left:.2g} of the weight is not carried",
+        f"not at rest after {began:.2f} s: {left:.2g} of the weight is not carried",
         figure=left,
         remedy="give the material more viscosity",
     )
 
 
-def _row(rule: Newmark, motion: Motion, space: CollocationSpace) -> dict[str, float]:
+def _count(body: Hyperelastic, displacement: np.ndarray) -> int:
+    """Elements with det F <= 0 at a quadrature point."""
+    return int(sum((side <= 0.0).sum() for side in body.least_volumes(displacement)))
+
+
+def _row(rule: Newmark, motion: Motion) -> dict[str, float]:
     """Energies, mJ, and the number of flipped elements (by det F at quadrature points)."""
     energies = rule.energies(motion)
-    least = rule.body.least_volumes(motion.displacement)
     return {
         "time": motion.time,
         **asdict(energies),
         "total": energies.total,
-        "flipped": int(sum((side <= 0.0).sum() for side in least)),
+        "flipped": _count(rule.body, motion.displacement),
     }
 
 
