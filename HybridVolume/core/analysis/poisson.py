@@ -13,7 +13,7 @@ from ...errors import InputError
 from .assembly import errors, load
 from .boundary import boundary_flux, boundary_projection, given_on_faces
 from .coupling import CollocationSpace, NitscheSpace
-from .linear import solve_fixed
+from .linear import Solved, solved
 
 
 @dataclass(frozen=True)
@@ -25,10 +25,13 @@ class Solution:
     space : CollocationSpace or NitscheSpace
     values : (size,) array
         Coefficients of the coupled unknowns.
+    figures : Solved or None
+        How the linear system was solved.
     """
 
     space: CollocationSpace | NitscheSpace
     values: np.ndarray
+    figures: Solved | None = None
 
     def errors(self, exact: Callable, slope: Callable) -> tuple[float, float]:
         """Errors in L2 and in the H1 seminorm over shell and core, see `assembly.errors`."""
@@ -79,4 +82,4 @@ def solve_poisson(
         fixed, _, given = given_on_faces(spline, boundary)
     else:
         fixed, given = boundary_projection(spline, boundary)
-    return Solution(space, solve_fixed(matrix, right, fixed, given))
+    return Solution(space, *solved(matrix, right, fixed, given))
