@@ -14,8 +14,8 @@ from ..recovery import Material
 from .assembly import errors, load
 from .boundary import boundary_load, given_on_faces
 from .coupling import CollocationSpace, NitscheSpace
-from .linear import solve_fixed
-from .rigid import free_motions, holding, without_motion
+from .linear import Solved, solved
+from .rigid import coefficient_points, free_motions, holding, rigid_motions, without_motion
 
 _BALANCED = 1e-4
 """Share of the largest load that may act on what holds a body whose loads balance."""
@@ -34,12 +34,15 @@ class Displacement:
         Strain energy, with the terms of the interface, mJ.
     reactions : (size, d) array
         Forces on the unknowns beyond the loads, N: what the given displacements need.
+    figures : Solved or None
+        How the linear system was solved.
     """
 
     space: CollocationSpace | NitscheSpace
     values: np.ndarray
     energy: float
     reactions: np.ndarray
+    figures: Solved | None = None
 
     def errors(self, exact: Callable, slope: Callable) -> tuple[float, float]:
         """Errors of all components in L2 and in the H1 seminorm over shell and core.
@@ -120,7 +123,14 @@ def solve_elasticity(
     else:
         unknown, component, values = given_on_faces(spline, fixed, space.dimension)
         _require_held(space, unknown, component)
-    found = solve_fixed(matrix, right, unknown + component * space.size, values)
+    motions = np.swapaxes(rigid_motions(coefficient_points(space)), 1, 2)
+    found, figures = solved(
+        matrix,
+        right,
+        unknown + component * space.size,
+        values,
+        motions.reshape(len(motions), -1),
+    )
     forces = matrix @ found
     reactions = (forces - right).reshape(space.dimension, -1).T
     field = found.reshape(space.dimension, -1).T
@@ -133,7 +143,7 @@ def solve_elasticity(
                 remedy="fix a face",
             )
         field = without_motion(space, field)
-    return Displacement(space, field, 0.5 * float(found @ forces), reactions)
+    return Displacement(space, field, 0.5 * float(found @ forces), reactions, figures)
 
 
 def _require_held(
