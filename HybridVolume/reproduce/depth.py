@@ -10,25 +10,17 @@ Writes ``depth.json``, ``depth.md`` and ``pictures``.
 from __future__ import annotations
 
 import argparse
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 from HybridVolume.completion import Screen
-from HybridVolume.errors import WorkerError
-from HybridVolume.job import worker_python
 
-from .cases import told, told_figures
-from .midstructure import write_json
-from .plane_pictures import draw
+from .cases import told
+from .plane_report import reported
 from .plane_study import Family, against, measured, studied
-from .shell import machine
-from .table import made_on, table
+from .table import table
 
-VERSION = 1
-"""Of the JSON file."""
 DEPTHS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
 LAYERS = (1, 2, 3)
 WAYS: dict[int, dict[str, Any]] = {
@@ -54,29 +46,7 @@ def run(options: argparse.Namespace) -> int:
     int
         0 when every case was made, else 1.
     """
-    started = time.perf_counter()
-    folder = Path(options.output)
-    (folder / "pictures").mkdir(parents=True, exist_ok=True)
-    screen = Screen()
-    cases = made(options.small, screen)
-    found: dict[str, Any] = {
-        "version": VERSION,
-        "command": "./run.sh reproduce depth -o DIR" + (" --small" if options.small else ""),
-        "machine": machine(),
-        "missing": [],
-        "not_done": [],
-        "cases": cases,
-        "demands": [],
-        "pictures": [],
-        "seconds": time.perf_counter() - started,
-    }
-    write_json(folder / "depth.json", found)
-    try:
-        found["pictures"] = draw(folder / "depth.json", worker_python())
-    except WorkerError as error:
-        screen.line(f"no pictures: {error.line}")
-    write_json(folder / "depth.json", found)
-    return told_figures(found, _as_markdown(found), folder / "depth.md", screen, ("cases",))
+    return reported("depth", options, lambda screen: (made(options.small, screen), []), _paragraphs)
 
 
 def made(small: bool, screen: Screen | None = None) -> list[dict[str, Any]]:
@@ -85,7 +55,7 @@ def made(small: bool, screen: Screen | None = None) -> list[dict[str, Any]]:
     cases = []
     for k, way in list(WAYS.items())[: 1 if small else None]:
         way = {**way, "levels": 2} if small else way
-        alone = studied(Family("disk", k, spans=5, levels=way["levels"] + 1), tell)
+        alone = studied(Family("disk", k, spans=6 if k == 1 else 5, levels=way["levels"] + 1), tell)
         cases.append(alone)
         for depth in (0.1, 0.3, 0.5) if small else DEPTHS:
             for layers in LAYERS:
@@ -115,23 +85,18 @@ def _finest(family: Family, alone: Mapping[str, Any]) -> dict[str, Any]:
     return case
 
 
-def _as_markdown(found: Mapping[str, Any]) -> str:
+def _paragraphs(found: Mapping[str, Any]) -> list[str]:
     cases = found["cases"]
     parts = [
         "## Depth of the ring",
-        f"`{found['command']}`",
-        made_on(found, "cases").replace(", two cases side by side with one thread each", ""),
         "The paper's disk and function; collocation; a ring of 4 x 4 spans around and the given"
         " layers on the first level, refined with everything else. Error in L2 over that of"
         " triangles alone of the same degree with as many unknowns (1 is no gain, less is better),"
         " and in brackets the unknowns and the ring's part of the squared error.",
     ]
     for k in sorted({case["k"] for case in cases}):
-        parts.append(f"### Triangles of degree {k}\n\n" + _table([c for c in cases if c["k"] == k]))
-    failed = [f"- {c['name']}: {c['error']['message']}" for c in cases if c["error"]]
-    parts += ["\n".join(failed)] if failed else []
-    parts += [f"![{words}](pictures/{name})" for name, words in found["pictures"]]
-    return "\n\n".join(part.strip("\n") for part in parts) + "\n"
+        parts += [f"### Triangles of degree {k}", _table([c for c in cases if c["k"] == k])]
+    return parts
 
 
 def _table(cases: Sequence[Mapping[str, Any]]) -> str:

@@ -19,7 +19,7 @@ import numpy as np
 from .cases import drawn_elsewhere
 
 TIME_LIMIT = 300.0
-RED, GREY, DARK = "#c0392b", "#b8c0c8", "#2c3e50"
+RED, DARK = "#c0392b", "#2c3e50"
 COLOURS = ("#c0392b", "#1f6fb2", "#2e8b57", "#e08e0b", "#7d3c98", "#117a8b")
 DPI = 80
 
@@ -73,7 +73,7 @@ def rates2d(found: Mapping[str, Any], folder: Path) -> list[list[str]]:
 
 
 def fig7(found: Mapping[str, Any], folder: Path) -> list[list[str]]:
-    """The paper's three pictures: errors, and both solutions along z."""
+    """Errors on both representations."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(5.2, 4.4), layout="constrained")
@@ -85,15 +85,7 @@ def fig7(found: Mapping[str, Any], folder: Path) -> list[list[str]]:
     here.set_ylabel("error in L2")
     here.legend()
     figure.savefig(folder / "fig7_convergence.png", dpi=DPI)
-    made = [["fig7_convergence.png", "Errors on both representations, as in the paper's Fig. 7"]]
-    fields = np.load(folder.parent / "fig7_fields.npz")
-    for which, words in (("hybrid", "on ring and triangles"), ("triangles", "on triangles only")):
-        figure = Figure(figsize=(5.2, 4.2), layout="constrained")
-        _relief(figure, fields, which)
-        name = f"fig7_{which}.png"
-        figure.savefig(folder / name, dpi=DPI)
-        made.append([name, f"The solution along z {words}, as in the paper's Fig. 7"])
-    return made
+    return [["fig7_convergence.png", "Errors on both representations, as in the paper's Fig. 7"]]
 
 
 def depth(found: Mapping[str, Any], folder: Path) -> list[list[str]]:
@@ -149,41 +141,13 @@ def _slopes(axes: Any, orders: Sequence[int]) -> None:
     """Lines of h^order, h = n^(-1/2), below the curves."""
     low, high = axes.get_xlim()
     bottom = axes.get_ylim()[0]
-    x = np.array([high / 12.0, high / 1.5])
-    for order in orders:
-        y = 1.6 * bottom * (x / x[-1]) ** (-0.5 * order)
-        axes.loglog(x, y, color="grey", linewidth=1.0)
-        axes.annotate(f"h^{order}", (x[0], y[0]), fontsize=8, color="grey",
-                      ha="right", va="center")  # fmt: skip
+    x = np.array([low * (high / low) ** 0.08, low * (high / low) ** 0.38])
+    for number, order in enumerate(orders):
+        y = 1.5**number * 2.0 * bottom * (x / x[-1]) ** (-0.5 * order)
+        axes.loglog(x, y, color="grey", linewidth=1.0, linestyle=":")
+        axes.annotate(f"$h^{order}$", (x[0], y[0]), fontsize=9, color="grey",
+                      ha="right", va="bottom")  # fmt: skip
     axes.set_xlim(low, high)
-
-
-def _relief(figure: Any, fields: Mapping[str, np.ndarray], which: str) -> None:
-    """A field as height over the plane: elements of the ring red, triangles grey."""
-    from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
-
-    axes = figure.add_subplot(projection="3d", computed_zorder=False)
-    light = np.array([-0.4, -0.5, 0.77])
-    for part, colour in (("ring", RED), ("core", GREY)):
-        key = f"{which}_{part}"
-        if key not in fields or not len(fields[key]):
-            continue
-        facets = fields[key]
-        normal = np.cross(facets[:, 1] - facets[:, 0], facets[:, 2] - facets[:, 0])
-        normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
-        shade = 0.55 + 0.45 * np.abs(normal @ light)
-        rgb = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
-        axes.add_collection3d(
-            Poly3DCollection(facets, facecolors=rgb * shade[:, None], edgecolors="none")
-        )
-        axes.add_collection3d(
-            Line3DCollection(fields[f"{key}_edges"], colors=DARK, linewidths=0.35)
-        )
-    reach = max(float(np.abs(value[..., 2]).max()) for value in fields.values() if value.size)
-    axes.set(xlim=(-1, 1), ylim=(-1, 1), zlim=(-reach, reach))
-    axes.set_box_aspect((1, 1, 0.45))
-    axes.view_init(38, -62)
-    axes.set_axis_off()
 
 
 def main(arguments: list[str] | None = None) -> int:
