@@ -20,6 +20,9 @@ FIGURES = {
     "shell": "shells of many bodies at many levels, and what is demanded of them",
     "quads": "quad meshes and cages: volumes, smoothness, limit surfaces, broken meshes",
     "fem": "finite element meshes: patch tests, sums of loads, accuracy",
+    "rates2d": "analysis in the plane: rates of the paper's section 4, and higher ones",
+    "fig7": "analysis in the plane: the paper's Fig. 7",
+    "depth": "analysis in the plane: the error against the ring's thickness and layers",
     "rates3d": "analysis in space: rates of errors on refined volumes, beside quadratic tets",
     "fig2": "an elastic disk dropped on a plane: flipped elements (Fig. 2 of the paper)",
 }
