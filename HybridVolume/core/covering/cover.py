@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ...errors import HybridVolumeError, InputError, SingularSurfaceError
 from ..assembly import build_surface
@@ -28,12 +29,13 @@ from .lattice import bicubic_nets
 from .outline import Outline
 from .pillows import corner_angles, pillow_flat_corners
 from .quad_mesh import QuadCover, quad_cover
+from .relaxing import relaxed
 
 logger = logging.getLogger(__name__)
 
 ROUNDS = 7
 """So often more intervals are tried."""
-SLIVER = np.radians(5.0)
+SLIVER = np.radians(1.0)
 """Quads with a smaller angle are made again."""
 
 
@@ -98,6 +100,7 @@ def cover_body(
         intervals, sides = assign_intervals(outline, fewest)
         cover = quad_cover(brep, outline, intervals, sides, size)
         cover, cut = pillow_flat_corners(cover)
+        cover = relaxed(cover, surfaces)
         nets = bicubic_nets(cover, list(curves), list(surfaces))
         deviation = _deviations(cover, nets, surfaces)
         bad = np.flatnonzero(deviation > tolerance)
@@ -123,16 +126,18 @@ def cover_body(
                 check_surface(build_surface(faces))
             except SingularSurfaceError as error:
                 failure = error
-                bad = np.unique([int(name[4:].split(".")[0]) - 1 for name in error.faces])
+                edges = _edges_near(cover, error)
             else:
                 logger.info(
                     "%d quads (%d cut at flat corners) in %d patches, %d rounds",
                     len(cover.quads), len(cut), len(faces), number + 1,
                 )  # fmt: skip
                 return Cover(tuple(faces), origin, deviation, len(cover.quads))
-        logger.info("round %d: more intervals at %s", number + 1, ", ".join(_names(bad)))
-        more = np.unique(outline.edge[np.isin(outline.face, bad)])
-        fewest[more] = np.ceil(1.5 * fewest[more] + 0.1).astype(int)
+        if len(bad):
+            edges = np.unique(outline.edge[np.isin(outline.face, bad)])
+        words = ", ".join(_names(np.unique(outline.face[np.isin(outline.edge, edges)])))
+        logger.info("round %d: more intervals on %d edges of %s", number + 1, len(edges), words)
+        fewest[edges] = np.ceil(1.5 * intervals[edges] + 0.1).astype(int)
         if number % 2:
             size *= 0.75
     assert failure is not None  # there was a last round, and it was not good
@@ -159,6 +164,20 @@ def _patches(
         for k, face in enumerate(joined)
     ]
     return named, origin
+
+
+def _edges_near(cover: QuadCover, error: SingularSurfaceError) -> np.ndarray:
+    """Edges of the outline within two quads of the places that an error names."""
+    near = cKDTree(cover.points).query([place.point for place in error.places])[1]
+    on = np.zeros(len(cover.points), dtype=bool)
+    on[near] = True
+    rim = np.zeros(0, dtype=int)
+    for ring in range(8):
+        on[cover.quads[on[cover.quads].any(axis=1)]] = True
+        rim = cover.rim_edge[on[cover.rim].all(axis=1)]
+        if ring and len(rim):
+            break
+    return np.unique(rim)
 
 
 def _deviations(cover: QuadCover, nets: np.ndarray, surfaces: Sequence[SplineFace]) -> np.ndarray:

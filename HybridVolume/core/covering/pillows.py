@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from .quad_mesh import QuadCover
+from .relaxing import sines
 
 FLAT = np.radians(150.0)
 """Corners between two sides on edges count as flat from here on."""
@@ -75,6 +76,7 @@ def _inner_corners(corners: np.ndarray) -> np.ndarray:
     """Corners of the small quads, (m, 4, 3): of some positions those with the best angles."""
     middle = corners.mean(axis=1, keepdims=True)
     normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     trials, worst = [], []
     angles = corner_angles(corners)
     flat = (angles > FLAT)[..., None]
@@ -86,19 +88,9 @@ def _inner_corners(corners: np.ndarray) -> np.ndarray:
             )
             every = np.concatenate([around, inner[:, None]], axis=1)
             trials.append(inner)
-            worst.append(_scaled(every, normal).min(axis=(1, 2)))
+            worst.append(sines(every, normal[:, None]).min(axis=(1, 2)))
     best = np.argmax(worst, axis=0)
     return np.stack(trials)[best, np.arange(len(corners))]
-
-
-def _scaled(quads: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Sines of the corners' angles about a normal, (m, k, 4): negative where turned over."""
-    ahead = np.roll(quads, -1, axis=2) - quads
-    behind = np.roll(quads, 1, axis=2) - quads
-    unit = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-    area = np.einsum("mkcd,md->mkc", np.cross(ahead, behind), unit)
-    length = np.linalg.norm(ahead, axis=3) * np.linalg.norm(behind, axis=3)
-    return area / np.maximum(length, 1e-300)
 
 
 def _rows_in(rows: np.ndarray, table: np.ndarray) -> np.ndarray:
