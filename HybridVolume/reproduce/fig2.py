@@ -35,14 +35,18 @@ BODIES = ("triangles", "one-layer", "two-layers", "three-layers")
 YOUNG = (0.020, 0.025, 0.030, 0.035, 0.045)
 """Young's moduli of the scan, MPa."""
 SHOWN = 0.030
-"""The one of the pictures; there the mesh is also turned, and the step halved."""
+"""The one of the pictures; there the mesh is also turned, the step halved, the unknowns doubled."""
 TURNS = (8.0,)
 """Degrees by which meshes are turned against the direction of the fall."""
+FINER = {"unknowns": 480}
+"""Twice the unknowns,"""
+HIGHER = {"young": 0.09, "height": 150.0, "step": 6e-4, "duration": 0.12}
+"""and the same impact with a third of the weight: three times as high and as stiff."""
 SMALL = {"unknowns": 150, "step": 1.5e-3, "duration": 0.12}
 """What ``--small`` does instead, at the stiffness of the pictures,"""
 SMALL_BODIES = ("triangles", "three-layers")
 """and with which bodies."""
-PARTS = ("scan", "turned", "step")
+PARTS = ("scan", "turned", "step", "finer", "higher")
 _ANALYSIS = ("hyperelastic", "svk", "newmark", "newton", "contact", "plane*", "simplex_space")
 _SOURCES = (*(f"core/analysis/{name}.py" for name in _ANALYSIS), "reproduce/fig2_drop.py")
 """Files that decide whether a case has to be done again."""
@@ -66,7 +70,7 @@ class Case:
     ----------
     name : str
         Of its file.
-    part : {"scan", "turned", "step"}
+    part : {"scan", "turned", "step", "finer", "higher"}
     case : str
         Name of the body.
     task : dict
@@ -180,6 +184,8 @@ def all_cases(small: bool = False) -> list[Case]:
         *(_case("turned", body, SHOWN, f"{body}-turned-{turn:g}", {"turn": turn})
           for turn in TURNS for body in BODIES),
         *(_case("step", body, SHOWN, f"{body}-half-step", {"step": 5e-4}) for body in BODIES),
+        *(_case("finer", body, SHOWN, f"{body}-finer", FINER) for body in BODIES),
+        *(_case("higher", body, SHOWN, f"{body}-higher", HIGHER) for body in BODIES),
     ]  # fmt: skip
 
 

@@ -16,9 +16,13 @@ from typing import Any
 
 import numpy as np
 
+from HybridVolume.core.atomic import replacing
+
 from .cases import drawn_elsewhere
 
 TIME_LIMIT = 300.0
+COLOURS, DOTS = 48, 90
+"""Colours of a picture, and its dots an inch."""
 WORDS = {
     "triangles": "triangles only",
     "one-layer": "one layer",
@@ -52,7 +56,13 @@ def states(cases: Sequence[Case], path: Path) -> None:
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(
-        2, len(cases), figsize=(3.1 * len(cases), 6.0), sharex=True, sharey=True, squeeze=False
+        2,
+        len(cases),
+        dpi=DOTS,
+        figsize=(3.1 * len(cases), 5.6),
+        sharex=True,
+        sharey="row",
+        squeeze=False,
     )
     for column, case in zip(axes.T, cases, strict=True):
         radius = case["drop"]["radius"]
@@ -77,8 +87,7 @@ def states(cases: Sequence[Case], path: Path) -> None:
     for axis, words in zip(axes[:, 0], ("maximal impact", "at rest"), strict=True):
         axis.text(-0.02, 0.5, words, transform=axis.transAxes, rotation=90, va="center")
     figure.tight_layout()
-    figure.savefig(path, dpi=90)
-    plt.close(figure)
+    _save(figure, path)
 
 
 def _state(axis: Any, state: Mapping[str, Any]) -> None:
@@ -97,7 +106,7 @@ def _state(axis: Any, state: Mapping[str, Any]) -> None:
         PolyCollection(
             vertices[triangles[order]],
             facecolors=list(colours[order]),
-            edgecolors="0.35",
+            edgecolors=["#5a0000" if one == FLIPPED else "0.35" for one in colours[order]],
             linewidths=0.3,
         )
     )
@@ -109,11 +118,24 @@ def _state(axis: Any, state: Mapping[str, Any]) -> None:
     axis.autoscale_view()
 
 
+def _save(figure: Any, path: Path) -> None:
+    """Write a picture with few colours, which makes a small file."""
+    import matplotlib.pyplot as plt
+    from PIL import Image
+
+    figure.canvas.draw()
+    pixels = np.asarray(figure.canvas.buffer_rgba())[..., :3]
+    plt.close(figure)
+    few = Image.fromarray(np.ascontiguousarray(pixels)).quantize(COLOURS)
+    with replacing(path) as file:
+        few.save(file, format="PNG", optimize=True)
+
+
 def scan(cases: Sequence[Case], path: Path) -> None:
     """Flipped elements at impact and at rest over the stiffness."""
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(1, 2, figsize=(8.0, 3.2), sharey=True)
+    figure, axes = plt.subplots(1, 2, dpi=DOTS, figsize=(8.0, 3.2), sharey=True)
     for axis, when, title in zip(
         axes, ("impact", "rest"), ("maximal impact", "at rest"), strict=True
     ):
@@ -130,15 +152,14 @@ def scan(cases: Sequence[Case], path: Path) -> None:
     axes[0].set_ylabel("area that is flipped, %")
     axes[1].legend(fontsize=8)
     figure.tight_layout()
-    figure.savefig(path, dpi=90)
-    plt.close(figure)
+    _save(figure, path)
 
 
 def energies(cases: Sequence[Case], path: Path) -> None:
     """Elastic energy, and the number of flipped elements, over time."""
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(1, 2, figsize=(8.0, 3.2))
+    figure, axes = plt.subplots(1, 2, dpi=DOTS, figsize=(8.0, 3.2))
     for case in cases:
         time = [1e3 * row["time"] for row in case["energies"]]
         axes[0].plot(time, [row["elastic"] for row in case["energies"]], label=WORDS[case["case"]])
@@ -149,8 +170,7 @@ def energies(cases: Sequence[Case], path: Path) -> None:
     for axis in axes:
         axis.set_xlabel("time from the first touch, ms")
     figure.tight_layout()
-    figure.savefig(path, dpi=90)
-    plt.close(figure)
+    _save(figure, path)
 
 
 def main(arguments: list[str] | None = None) -> int:
