@@ -25,6 +25,7 @@ FIGURES = {
     "depth": "analysis in the plane: the error against the ring's thickness and layers",
     "rates3d": "analysis in space: rates of errors on refined volumes, beside quadratic tets",
     "fig2": "an elastic disk dropped on a plane: flipped elements (Fig. 2 of the paper)",
+    "dynamics": "elastic bodies in motion: a drop, free flights, frequencies, rigid motions",
 }
 """What can be made again: modules of this package, with ``add_arguments`` and ``run``."""
 

@@ -14,7 +14,7 @@ import argparse
 import hashlib
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -235,7 +235,7 @@ def run(options: argparse.Namespace) -> int:
     if options.only:
         check_names(options.only, asked, PARTS)
         asked = [one for one in asked if one.part in options.only or one.name in options.only]
-    bodies, missing = _bodies(options, {one.body for one in asked})
+    bodies, missing = read_bodies(MADE, READ, options.data, {one.body for one in asked})
     cases = [Case(one, bodies[one.body]) for one in asked if one.body in bodies]
     # two cases at a time, one thread each: their seconds do not depend on one another
     for name in THREADS:
@@ -274,25 +274,38 @@ def _command(options: argparse.Namespace) -> str:
     return " ".join(words)
 
 
-def _bodies(
-    options: argparse.Namespace, wanted: set[str]
+def read_bodies(
+    made: Mapping[str, Callable[[], Sequence[SplineFace]]],
+    read: Sequence[str],
+    data: Sequence[str] | None,
+    wanted: set[str],
 ) -> tuple[dict[str, Sequence[SplineFace]], list[str]]:
     """Faces of the bodies that are wanted, and names of those that are not there.
+
+    Parameters
+    ----------
+    made : mapping of str to callable
+        Bodies that are made here.
+    read : sequence of str
+        Names of files with bodies, without their endings.
+    data : sequence of str, optional
+        Files and folders besides the example; the folder beside the project by default.
+    wanted : set of str
 
     Raises
     ------
     HybridVolumeError
         A body cannot be read.
     """
-    found = {name: make() for name, make in MADE.items() if name in wanted}
-    if not wanted.intersection(READ):
+    found = {name: make() for name, make in made.items() if name in wanted}
+    if not wanted.intersection(read):
         return found, []
     import_freecad()
     from HybridVolume import sources
 
-    more = list(options.data or ([str(BESIDE)] if BESIDE.is_dir() else []))
+    more = list(data or ([str(BESIDE)] if BESIDE.is_dir() else []))
     for file in body_files([str(EXAMPLES), *more]):
-        if file.stem in wanted and file.stem in READ and file.stem not in found:
+        if file.stem in wanted and file.stem in read and file.stem not in found:
             bodies = sources.read_file(file)
             if len(bodies) != 1:
                 raise InputError(f"{file.name} has {len(bodies)} bodies, not one")

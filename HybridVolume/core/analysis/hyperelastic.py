@@ -25,6 +25,7 @@ from ..recovery import Material
 from .assembly import Space, elastic, mass, stiffness
 from .coupling import CollocationSpace, NitscheSpace
 from .layout import Layout
+from .rigid import coefficient_points
 from .svk import SvkSide, Viscous, deformation_gradient
 
 LAWS = ("linear", "svk")
@@ -88,11 +89,8 @@ class Hyperelastic:
     def reference(self) -> np.ndarray:
         """Coefficients of the body's own points, (size, d), mm."""
         space = self.space
-        if isinstance(space, CollocationSpace):
-            nodes = space.tets.nodes[space.free_nodes]
-            return np.concatenate([space.spline.control_points, nodes])
-        if isinstance(space, NitscheSpace):
-            return np.concatenate([space.spline.control_points, space.tets.nodes])
+        if isinstance(space, CollocationSpace | NitscheSpace):
+            return coefficient_points(space)
         points = getattr(space, "control_points", None)
         return space.nodes if points is None else points
 

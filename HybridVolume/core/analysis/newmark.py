@@ -61,7 +61,7 @@ class Motion:
     velocity : (size, d) array
         mm/s
     acceleration : (size, d) array
-        mm/s²; only Newmark's rule uses it.
+        mm/s²; but for Newmark's rule only a first guess.
     dissipated : float
         Energy that viscosity has turned into heat so far, mJ.
     iterations : int
@@ -305,9 +305,8 @@ class Newmark:
         """One step that keeps the energy."""
         u, v = motion.displacement, motion.velocity
         forces = _Conserving(self, motion, step)
-        found, iterations = balanced(
-            forces, u + step * v, self._solver(step), self._free, self.tolerance
-        )
+        near = u + step * v + 0.5 * step**2 * motion.acceleration
+        found, iterations = balanced(forces, near, self._solver(step), self._free, self.tolerance)
         after = 2.0 / step * (found - u) - v
         lost = self.body.dissipated(u, found, step) if any(self.body.viscosity) else 0.0
         return Motion(
