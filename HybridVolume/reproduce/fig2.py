@@ -5,7 +5,8 @@
 The paper's Fig. 2: triangles alone against one, two and three layers of C² elements of growing
 thickness, at maximal impact and at rest, for materials of growing stiffness. Writes ``fig2.json``
 (``cases``), ``fig2.md`` and pictures. Every case has a process of its own with a time limit.
-Finished cases are kept in ``DIR/cases`` and not done again, unless the program has changed.
+Finished cases are kept in ``DIR/cases`` and not done again, unless `fig2_drop` has changed or
+``--again`` says so.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ VERSION = 1
 """Of the JSON file."""
 BODIES = ("triangles", "one-layer", "two-layers", "three-layers")
 """Names of :data:`.fig2_drop.BODIES`."""
-YOUNG = (0.020, 0.025, 0.030, 0.035, 0.045)
+YOUNG = (0.020, 0.025, 0.0275, 0.030, 0.0325, 0.035, 0.045)
 """Young's moduli of the scan, MPa."""
 SHOWN = 0.030
 """The one of the pictures; there the mesh is also turned, the step halved, the unknowns doubled."""
@@ -42,14 +43,15 @@ FINER = {"unknowns": 480}
 """Twice the unknowns,"""
 HIGHER = {"young": 0.09, "height": 150.0, "step": 6e-4, "duration": 0.12}
 """and the same impact with a third of the weight: three times as high and as stiff."""
+THICKER = {"one-layer": 0.2, "two-layers": 0.4, "three-layers": 0.6}
+"""Depths of the layers, one and a third times those of the scan,"""
+THICKER_YOUNG = (0.025, 0.030, 0.035)
+"""and the stiffnesses where they are tried, MPa."""
 SMALL = {"unknowns": 150, "step": 1.5e-3, "duration": 0.12}
 """What ``--small`` does instead, at the stiffness of the pictures,"""
 SMALL_BODIES = ("triangles", "three-layers")
 """and with which bodies."""
-PARTS = ("scan", "turned", "step", "finer", "higher")
-_ANALYSIS = ("hyperelastic", "svk", "newmark", "newton", "contact", "plane*", "simplex_space")
-_SOURCES = (*(f"core/analysis/{name}.py" for name in _ANALYSIS), "reproduce/fig2_drop.py")
-"""Files that decide whether a case has to be done again."""
+PARTS = ("scan", "turned", "step", "finer", "higher", "thicker")
 
 
 class DropJob(Job):
@@ -70,11 +72,13 @@ class Case:
     ----------
     name : str
         Of its file.
-    part : {"scan", "turned", "step", "finer", "higher"}
+    part : str
+        One of ``PARTS``.
     case : str
         Name of the body.
     task : dict
-        ``drop``: arguments of :class:`.fig2_drop.Drop`.
+        ``drop``: arguments of :class:`.fig2_drop.Drop`; ``depth``: of the layers, where it is not
+        the body's own.
     """
 
     name: str
@@ -86,16 +90,17 @@ class Case:
 
     def key(self) -> str:
         """What the figures depend on."""
-        words = repr((VERSION, _program(), self.name, sorted(self.task["drop"].items())))
+        told = [self.name, sorted(self.task["drop"].items())]
+        if self.task.get("depth") is not None:
+            told.append(self.task["depth"])
+        words = repr((VERSION, _program(), *told))
         return hashlib.sha256(words.encode()).hexdigest()[:16]
 
 
 @cache
 def _program() -> str:
-    """What the numbers are made by, as it was when this program started."""
-    package = Path(__file__).resolve().parents[1]
-    files = {path for words in _SOURCES for path in package.glob(words)}
-    return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(files))).hexdigest()
+    """The experiment, as it was when this program started."""
+    return hashlib.sha256((Path(__file__).parent / "fig2_drop.py").read_bytes()).hexdigest()
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -186,13 +191,20 @@ def all_cases(small: bool = False) -> list[Case]:
         *(_case("step", body, SHOWN, f"{body}-half-step", {"step": 5e-4}) for body in BODIES),
         *(_case("finer", body, SHOWN, f"{body}-finer", FINER) for body in BODIES),
         *(_case("higher", body, SHOWN, f"{body}-higher", HIGHER) for body in BODIES),
+        *(_case("thicker", body, young, f"{body}-thicker-{1e3 * young:g}", depth=depth)
+          for young in THICKER_YOUNG for body, depth in THICKER.items()),
     ]  # fmt: skip
 
 
 def _case(
-    part: str, body: str, young: float, name: str, more: Mapping[str, float] | None = None
+    part: str,
+    body: str,
+    young: float,
+    name: str,
+    more: Mapping[str, float] | None = None,
+    depth: float | None = None,
 ) -> Case:
-    return Case(name, part, body, {"drop": {"young": young, **(more or {})}})
+    return Case(name, part, body, {"drop": {"young": young, **(more or {})}, "depth": depth})
 
 
 class DropRunner(Runner):

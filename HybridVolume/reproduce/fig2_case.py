@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 from HybridVolume import protocol
@@ -27,6 +28,8 @@ def run_case(folder: Path, channel: Channel) -> None:
     task = json.loads((folder / protocol.OPTIONS_FILE).read_text(encoding="utf-8"))["options"]
     started = time.perf_counter(), processor_seconds()
     (body,) = (body for body in BODIES if body.name == task["case"])
+    if task.get("depth") is not None:
+        body = replace(body, depth=task["depth"])
     try:
         figures = dropped(
             body, Drop(**task["drop"]), lambda share, text: channel.progress("drop", share, text)

@@ -85,6 +85,7 @@ def as_markdown(found: Mapping[str, Any]) -> str:
         "turned": "The same with meshes turned in the disk",
         "step": "The same with half the time step",
         "finer": "The same with twice the unknowns",
+        "thicker": "Thicker layers",
         "higher": "The same impact with a third of the weight: three times as high, and as stiff",
     }
     shown = found["shown"]
@@ -135,7 +136,7 @@ def _set_up(case: Case) -> str:
 
 def _table(rows: Sequence[Case]) -> str:
     head = (
-        "E kPa", "rho v²/E", "turned", "step ms", "body", "unknowns", "triangles",
+        "E kPa", "rho v²/E", "turned", "step ms", "body", "depth %", "unknowns", "triangles",
         "spline elements", "impact ms", "flipped at impact", "area %", "most",
         "flipped at rest", "area %", "height at rest mm", "drift", "CPU s",
     )  # fmt: skip
@@ -155,6 +156,7 @@ def _row(case: Case) -> tuple[str, ...]:
         f"{drop['turn']:g}°",
         f"{1e3 * drop['step']:g}",
         WORDS[case["case"]],
+        f"{100 * case['body']['depth']:g}",
         str(case["unknowns"]),
         str(case["triangles"]),
         str(case["ring_elements"]),
