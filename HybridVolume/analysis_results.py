@@ -96,7 +96,7 @@ class Result:
                 remedy="give (m, 3) mm, or the name of a face",
             )
         found = self._locator.find(x)
-        outside = self._locator.outside(found, OUTSIDE * self._locator.size)
+        outside = self._locator.outside(x, found, OUTSIDE * self._locator.size)
         if len(outside):
             first = int(outside[0])
             worst = float(found.distance[outside].max())

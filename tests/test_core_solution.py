@@ -141,6 +141,19 @@ def test_points_of_a_ball_are_found(ball):
         found.at([[0.0, 0.0, 0.2], [0.0, 1.5, 0.0]])
 
 
+def test_every_point_outside_is_refused(ball):
+    # the nearest place of a point outside may well be inside, on the side of an element
+    found = analysis.poisson(ball, fixed=lambda x: x @ SLOPE)
+    x = np.random.default_rng(6).uniform(-1.3, 1.3, (1500, 3))
+    radius = np.linalg.norm(x, axis=1)
+    x = x[np.abs(radius - 1.0) > 0.01]
+    count = int(np.count_nonzero(np.linalg.norm(x, axis=1) > 1.0))
+    assert 500 < count < len(x) - 200
+    with pytest.raises(InputError, match=f"{count} of {len(x)} points are outside"):
+        found.at(x)
+    assert np.isfinite(found.at(x[np.linalg.norm(x, axis=1) < 1.0])).all()
+
+
 def read_vtu(path):
     vtk = pytest.importorskip("vtk")
     reader = vtk.vtkXMLUnstructuredGridReader()

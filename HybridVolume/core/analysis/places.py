@@ -16,6 +16,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..boxtree import BoxTree
+from ..intersection import winding_numbers
+from ..surface import SurfaceMesh
 from .fields import Field, FieldSpace
 from .simplex_space import bernstein_coefficients, shape_functions
 
@@ -27,6 +29,8 @@ _MET = 1e-10
 """Distance from a point at which its place is found, as a share of the body's size."""
 _BLOCK = 4000
 """Points that are looked for at once."""
+_TRIANGLES = 20_000
+"""Of the outer boundary, where points are told inside or outside."""
 _INSIDE = np.array([1.0 / 6.0, 0.5, 5.0 / 6.0])
 
 
@@ -60,6 +64,7 @@ class Locator:
 
     def __init__(self, space: FieldSpace) -> None:
         self.cells, self.tets = space.cells, space.space.tets
+        self.surface = space.space.spline.shell.surface
         self.count = len(self.cells)
         points = [batch.points for batch in self.cells.batches]
         self.size = float(np.linalg.norm(np.ptp(np.concatenate([p.reshape(-1, 3) for p in points]),
@@ -179,12 +184,32 @@ class Locator:
             found[some] = np.einsum("mn,mnk->mk", values, field.core[members])
         return found
 
-    def outside(self, places: Places, tolerance: float) -> np.ndarray:
-        """Points that are farther than a tolerance (mm) from a place that is none inside, (k,)."""
+    @cached_property
+    def _skin(self) -> SurfaceMesh:
+        """Triangles of the outer boundary, which tell inside from outside."""
+        cells = np.sqrt(0.5 * _TRIANGLES / self.surface.element_count)
+        return self.surface.triangulation(int(np.clip(cells, 2, 40)))
+
+    def outside(self, points: np.ndarray, places: Places, tolerance: float) -> np.ndarray:
+        """Numbers of the points outside of the body, (k,).
+
+        Parameters
+        ----------
+        points : (m, 3) array
+            mm
+        places : Places
+            Of these points.
+        tolerance : float
+            As far from its place a point may be, mm; farther ones are in a slit or outside.
+        """
         shell = places.element < self.count
-        surface = shell & (places.local[:, 2] <= 0.0)
-        far = ~(places.distance <= tolerance)
-        return np.flatnonzero(far & (surface | (places.element < 0)))
+        beyond = (shell & (places.local[:, 2] <= 0.0)) | (places.element < 0)
+        far = np.flatnonzero(~(places.distance <= tolerance))
+        # the place found for a point outside may be on the side of an element, inside the body
+        rest = far[~beyond[far]]
+        skin = self._skin
+        beyond[rest] = winding_numbers(skin.vertices, skin.triangles, points[rest]) < 1
+        return far[beyond[far]]
 
 
 def _newton(points, start, evaluate, into, met) -> tuple[np.ndarray, np.ndarray]:
