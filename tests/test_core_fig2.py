@@ -5,7 +5,8 @@
 import numpy as np
 import pytest
 
-from HybridVolume.reproduce.fig2 import SHOWN, SMALL
+from HybridVolume.reproduce import main
+from HybridVolume.reproduce.fig2 import SHOWN, SMALL, all_cases
 from HybridVolume.reproduce.fig2_drop import (
     AGAINST,
     BODIES,
@@ -134,3 +135,11 @@ def test_table_tells_what_is_met(drops):
          "machine": {"processor": "p", "cores": 2, "python": "3"}}
     )  # fmt: skip
     assert "5 of 5 demands are met" in text and "three layers" in text
+
+
+def test_cases_differ_in_name_and_key_and_unknown_ones_are_refused(tmp_path, capsys):
+    cases = all_cases()
+    assert len({case.name for case in cases}) == len({case.key() for case in cases}) == len(cases)
+    assert main(["fig2", "-o", str(tmp_path / "out"), "--only", "four-layers"]) == 2
+    assert "four-layers: no such part or case" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

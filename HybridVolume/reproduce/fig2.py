@@ -135,12 +135,12 @@ def run(options: argparse.Namespace) -> int:
 
     started = time.perf_counter()
     folder = Path(options.output)
-    for name in ("cases", "pictures"):
-        (folder / name).mkdir(parents=True, exist_ok=True)
     cases = all_cases(options.small)
     if options.only:
         check_names(options.only, cases, PARTS)
         cases = [case for case in cases if {case.part, case.name} & set(options.only)]
+    for name in ("cases", "pictures"):
+        (folder / name).mkdir(parents=True, exist_ok=True)
     # two cases at a time, one thread each: their seconds do not depend on one another
     for name in THREADS:
         os.environ.setdefault(name, "1")
