@@ -44,7 +44,7 @@ MADE = {
 READ = ("fandisk", "twisted_fichera")
 """Bodies of files."""
 RULES = ("newmark", "midpoint", "conserving")
-_MOTION = ("hyperelastic", "svk", "layout", "newmark", "newton", "contact", "modal")
+_MOTION = ("svk", "layout", "newmark", "newton", "contact", "modal")
 _SOURCES = (*(f"core/analysis/{name}.py" for name in _MOTION), "reproduce/bodies.py",
             "reproduce/dynamics_case.py", "reproduce/dynamics_motion.py")  # fmt: skip
 """Files that decide whether a case has to be done again."""

@@ -70,7 +70,7 @@ class Drop:
     up: tuple[float, float, float] = (0.10, -0.15, -0.98)
     contact: float = 10.0
     step: float = 5e-4
-    steps: int = 70
+    steps: int = 64
     every: int = 2
     pictures: int = 8
 
@@ -343,10 +343,10 @@ def sphere_frequencies(poisson: float) -> list[tuple[str, float, int]]:
     """
     ratio = float(np.sqrt((1.0 - 2.0 * poisson) / (2.0 - 2.0 * poisson)))
 
-    def torsion(n: int, x: float) -> float:
+    def torsion(n: int, x: np.ndarray | float) -> np.ndarray | float:
         return (n - 1) * spherical_jn(n, x) - x * spherical_jn(n + 1, x)
 
-    def spheroid(n: int, k: float) -> float:
+    def spheroid(n: int, k: np.ndarray | float) -> np.ndarray | float:
         h = ratio * k
         jh, jk, jh1, jk1 = (spherical_jn(m, x) for m in (n, n + 1) for x in (h, k))
         a = (n * n - n - k * k / 2) * jh + 2 * h * jh1
@@ -360,7 +360,7 @@ def sphere_frequencies(poisson: float) -> list[tuple[str, float, int]]:
     x = np.linspace(0.5, 6.0, 2000)
     for letter, function, orders in (("T", torsion, (2, 3)), ("S", spheroid, (0, 1, 2, 3))):
         for n in orders:
-            values = np.array([function(n, one) for one in x])
+            values = function(n, x)
             crossing = np.flatnonzero(values[:-1] * values[1:] < 0.0)[0]
             root = brentq(lambda k, n=n, f=function: f(n, k), x[crossing], x[crossing + 1])
             found.append((f"{letter}{n}", float(root), 2 * n + 1))

@@ -18,15 +18,16 @@ from typing import Any
 import numpy as np
 
 from HybridVolume.exports.picture import write_scenes
+from HybridVolume.exports.render import SIDE
 from HybridVolume.exports.scene import DARK, Bar, Scene, Skin, Wire
 
 from .cases import drawn_elsewhere
 
 TIME_LIMIT = 600.0
-SIZE = (480, 420)
+SIZE = (640, 440)
 """Pixels of a moment."""
 FLOOR = (0.86, 0.88, 0.90)
-COLOURS = "viridis"
+COLOURS = "coolwarm"
 _TOP = 0.98
 """Share of the surface's points with less than the largest stress that colours show."""
 
@@ -61,12 +62,14 @@ def frames(case: Mapping[str, Any], folder: Path, path: Path) -> None:
     with tempfile.TemporaryDirectory(prefix="hybridvolume-") as place:
         names = {Path(place) / f"{k}.png": scene for k, scene in enumerate(scenes)}
         write_scenes(names, sys.executable, size=SIZE)
-        figure = Figure(figsize=(2.4 * columns, 4.9), layout="constrained")
+        figure = Figure(figsize=(2.7 * columns + 0.8, 4.6), layout="constrained")
         axes = figure.subplots(2, columns, squeeze=False).ravel()
         for axis in axes:
             axis.axis("off")
         for axis, name, time in zip(axes, names, data["time"], strict=False):
-            axis.imshow(imread(name))
+            image = imread(name)
+            # the bar on the right is that of all moments
+            axis.imshow(image[:, : int((1.0 - SIDE) * image.shape[1])])
             axis.set_title(f"{1e3 * time:.1f} ms", fontsize=9)
         bar = figure.colorbar(_scale(high), ax=list(axes), shrink=0.6, aspect=30)
         bar.set_label("von Mises stress, kPa")
@@ -91,15 +94,18 @@ def _scenes(data: Mapping[str, np.ndarray], high: float) -> list[Scene]:
     direction = 0.9 * across + 0.35 * third + 0.3 * up
     middle = points.reshape(-1, 3).mean(axis=0)
     middle = middle + (data["floor"] - middle @ up) * up
-    corners = [middle + radius * (a * across + b * third)
+    corners = [middle + 0.7 * radius * (a * across + b * third)
                for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]  # fmt: skip
     floor = Skin(np.array(corners), None, np.array([[0, 1, 2], [0, 2, 3]]), FLOOR)
     bar = Bar("", 0.0, high, COLOURS)
+    # points that no line shows: all moments are seen from the same place
+    whole = np.concatenate([low + (top - low) * np.eye(3), top - (top - low) * np.eye(3)])
+    frame = Wire(np.repeat(whole[:, None], 2, axis=1), (1.0, 1.0, 1.0), 0.1)
     found = []
     for x, stress in zip(points, data["stress"].astype(float), strict=True):
         triangles = data["triangles"]
         skin = Skin(x, _normals(x, triangles), triangles, FLOOR, values=np.minimum(stress, high))
-        wires = (Wire(x[data["lines"]], DARK, 0.6),)
+        wires = (frame, Wire(x[data["lines"]], DARK, 0.6))
         found.append(Scene((floor, skin), wires, direction, up, radius, bar=bar))
     return found
 
