@@ -146,18 +146,19 @@ class NitscheSpace:
         return self.spline.size + self.tets.size
 
     @cached_property
-    def _faces(self) -> FaceSamples:
+    def faces(self) -> FaceSamples:
+        """Functions of the core at the interface's quadrature points."""
         return self.tets.face_samples(parts=_spans_across(self.spline, self.tets))
 
     @cached_property
-    def _jump(self) -> sparse.csr_matrix:
+    def jump(self) -> sparse.csr_matrix:
         """The jump [u] at the interface's quadrature points, (m, size).
 
         Of a curved interface core and shell have not quite the same points. The shell's value at
         the core's is taken by a step along its gradient, so that no linear field jumps and rigid
         motions have no energy.
         """
-        faces = self._faces
+        faces = self.faces
         place = faces.patch, faces.uv, faces.w
         beside = self.spline.basis_at(*place)
         step = faces.points - beside @ self.spline.control_points
@@ -165,15 +166,15 @@ class NitscheSpace:
             beside = beside + sparse.diags(way) @ slope
         return sparse.hstack([-beside, faces.values], format="csr")
 
-    def _of_core(self, matrix: sparse.spmatrix) -> sparse.csr_matrix:
+    def of_core(self, matrix: sparse.spmatrix) -> sparse.csr_matrix:
         """A matrix on the core's nodes as one on all unknowns."""
         nothing = sparse.csr_matrix((matrix.shape[0], self.spline.size))
         return sparse.hstack([nothing, matrix], format="csr")
 
     def _penalty(self, stiff: float) -> sparse.csr_matrix:
         """Integrals of 2 k C_F [u] [v]."""
-        weight = sparse.diags(2.0 * stiff * self._faces.measure * self._faces.bound)
-        return self._jump.T @ weight @ self._jump
+        weight = sparse.diags(2.0 * stiff * self.faces.measure * self.faces.bound)
+        return self.jump.T @ weight @ self.jump
 
     def conduction(self, outer: float, inner: float) -> sparse.csr_matrix:
         """Stiffness of heat conduction with the terms of the interface, (size, size).
@@ -183,8 +184,8 @@ class NitscheSpace:
         outer, inner : float
             Conductivity of shell and core.
         """
-        weight = sparse.diags(inner * self._faces.measure)
-        flux = self._jump.T @ weight @ self._of_core(self._faces.slopes)
+        weight = sparse.diags(inner * self.faces.measure)
+        flux = self.jump.T @ weight @ self.of_core(self.faces.slopes)
         both = _apart(outer * stiffness(self.spline), inner * stiffness(self.tets))
         return (both - flux - flux.T + self._penalty(inner)).tocsr()
 
@@ -196,11 +197,11 @@ class NitscheSpace:
         outer, inner : Material
             Of shell and core.
         """
-        faces = self._faces
-        gradients = [self._of_core(gradient) for gradient in faces.gradients]
-        slope = self._of_core(faces.slopes)
+        faces = self.faces
+        gradients = [self.of_core(gradient) for gradient in faces.gradients]
+        slope = self.of_core(faces.slopes)
         normal = [sparse.diags(n) for n in faces.normal.T]
-        tested = self._jump.T @ sparse.diags(faces.measure)
+        tested = self.jump.T @ sparse.diags(faces.measure)
         dims = range(self.dimension)
         blocks = [
             [
