@@ -21,6 +21,7 @@ from HybridVolume.errors import InputError
 if TYPE_CHECKING:
     from HybridVolume.core.analysis.coupling import CollocationSpace, NitscheSpace
     from HybridVolume.core.analysis.elasticity import Displacement
+    from HybridVolume.core.analysis.linear import Solved
     from HybridVolume.core.analysis.modal import Modes
     from HybridVolume.core.analysis.poisson import Solution
     from HybridVolume.core.hybrid import HybridVolume
@@ -249,6 +250,11 @@ class ScalarResult(Result):
         """The field itself, one component."""
         return self.shown.of(self.solution.values)
 
+    @property
+    def figures(self) -> Solved | None:
+        """How the linear system was solved: unknowns, seconds, memory, residual."""
+        return self.solution.figures
+
     @cached_property
     def flux_field(self) -> Field:
         """Heat flux -k grad u, three components, W/mm²; one value where elements meet."""
@@ -308,6 +314,11 @@ class DisplacementResult(Result):
 
     solution: Displacement
     materials: tuple[Material, Material]
+
+    @property
+    def figures(self) -> Solved | None:
+        """How the linear system was solved: unknowns, seconds, memory, residual."""
+        return self.solution.figures
 
     @property
     def energy(self) -> float:

@@ -82,6 +82,7 @@ def test_a_pulled_bar_at_points_and_faces(pulled, face):
     assert pulled.positions(face[0, 1])[:, 0] == pytest.approx(3.0, rel=1e-14)
     assert pulled.reaction(face[0, 0])[0] == pytest.approx(-140.0, rel=1e-10)
     assert pulled.energy == pytest.approx(0.5 * 140.0 * 0.001, rel=1e-10)
+    assert pulled.figures.residual < 1e-10 and pulled.figures.unknowns < 3 * pulled.space.size
 
 
 def test_pressure_all_around_needs_no_support(box):
