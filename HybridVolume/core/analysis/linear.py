@@ -23,7 +23,10 @@ from ...errors import FaultError, InputError
 logger = logging.getLogger(__name__)
 
 RESIDUAL = 1e-8
-"""Relative residual from which on a solution is refused."""
+"""Relative residual up to which a solution is taken."""
+CORRECTION = 1e-6
+"""Otherwise, of factored systems: what a step of refinement may still change, in the energy's norm.
+Residuals of thin plates stay at 1e-7, since rounding of stiff terms alone makes them."""
 DIRECT = 60_000
 """Unknowns up to which a system is factored."""
 METHODS = ("auto", "direct", "cg")
@@ -143,17 +146,17 @@ def solved(
     free = np.setdiff1d(np.arange(len(right)), fixed)
     rest = (right - matrix @ values)[free]
     inside = matrix[free][:, free].tocsr()
-    iterations, memory, note, found = 0, 0.0, "", None
+    iterations, memory, note, found, changed = 0, 0.0, "", None, np.inf
     if method == "cg" or (method == "auto" and len(free) > DIRECT):
         null = np.ones((1, len(free))) if motions is None else motions[:, free]
         found, iterations, memory, note = _iterated(inside, rest, null)
     way = "direct" if found is None else "cg"
     if found is None:
-        found, memory = _factored_solution(inside, rest)
+        found, memory, changed = _factored_solution(inside, rest)
     values[free] = found
     missed = float(np.linalg.norm(inside @ found - rest))
     scale = max(float(np.linalg.norm(rest)), 1e-300)
-    if not missed <= RESIDUAL * scale:
+    if not (missed <= RESIDUAL * scale or changed <= CORRECTION):
         raise FaultError(
             f"the linear system of {len(free)} unknowns was not solved (residual"
             f" {missed / scale:.2g})",
@@ -174,19 +177,27 @@ def solved(
     return values, figures
 
 
-def _factored_solution(inside: sparse.csr_matrix, rest: np.ndarray) -> tuple[np.ndarray, float]:
-    """Solution by factors, refined once, and their size in MB; nan where there are none."""
+def _factored_solution(
+    inside: sparse.csr_matrix, rest: np.ndarray
+) -> tuple[np.ndarray, float, float]:
+    """Solution by factors, refined once (nan: there is none), their size in MB, and the change by
+    the refinement as a share of the solution, in the energy's norm."""
     if not len(rest):
-        return np.zeros(0), 0.0
+        return np.zeros(0), 0.0, 0.0
     try:
         factors = factored(inside)
     except RuntimeError:
-        return np.full(len(rest), np.nan), 0.0
+        return np.full(len(rest), np.nan), 0.0, np.inf
     found = factors.solve(rest)
     # pivots stay on the diagonal, which costs digits that one step of refinement gives back
-    found += factors.solve(rest - inside @ found)
+    change = factors.solve(rest - inside @ found)
+    found += change
+    energy = float(found @ (inside @ found))
+    # of a singular system the refinement changes as much as there is, or has no energy at all
+    share = float(change @ (inside @ change)) / energy if energy > 0.0 else np.inf
+    changed = float(np.sqrt(share)) if share >= 0.0 else np.inf
     # values, and numbers of rows that supernodes share
-    return found, 10.0 * factors.nnz / 1e6
+    return found, 10.0 * factors.nnz / 1e6, changed
 
 
 def _iterated(
