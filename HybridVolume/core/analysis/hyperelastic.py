@@ -25,6 +25,7 @@ from ..recovery import Material
 from .assembly import Space, elastic, mass, stiffness
 from .coupling import CollocationSpace, NitscheSpace
 from .layout import Layout
+from .nitsche_svk import NitscheTerms
 from .rigid import coefficient_points
 from .svk import SvkSide, Viscous, deformation_gradient
 
@@ -50,8 +51,7 @@ class Hyperelastic:
     Raises
     ------
     InputError
-        The law, a density or a viscosity is none; or a law with large turns is asked of a space
-        that is coupled after Nitsche.
+        The law, a density or a viscosity is none.
     """
 
     def __init__(
@@ -74,10 +74,6 @@ class Hyperelastic:
             raise InputError(f"density {density} t/mm³", remedy="give one above 0")
         if not all(0.0 <= eta < np.inf for eta in self.viscosity):
             raise InputError(f"viscosity {viscosity} MPa s", remedy="give 0 or more")
-        if law == "svk" and isinstance(space, NitscheSpace):
-            raise InputError(
-                "large turns are not coupled after Nitsche", remedy="choose collocation"
-            )
         self._sides = _sides(space)
 
     @property
@@ -143,7 +139,8 @@ class Hyperelastic:
                 change = flat - viscous.before.T.ravel()
                 total += 0.5 / viscous.step * float(change @ (self._damping @ change))
             return total
-        return float(sum(side.energy(u, viscous) for side in self._blocks))
+        total = float(sum(side.energy(u, viscous) for side in self._blocks))
+        return total + (self._interface.energy(u) if self._interface else 0.0)
 
     def forces(self, displacement: np.ndarray, viscous: Viscous | None = None) -> np.ndarray:
         """Derivative of the energy by the displacement, (size, d), N.
@@ -161,7 +158,8 @@ class Hyperelastic:
                 change = (u - viscous.before).T.ravel()
                 found = found + self._damping @ change / viscous.step
             return found.reshape(self.dimension, -1).T
-        return sum(side.forces(u, viscous) for side in self._blocks)
+        total = sum(side.forces(u, viscous) for side in self._blocks)
+        return total + self._interface.forces(u) if self._interface else total
 
     def tangent(
         self,
@@ -185,9 +183,12 @@ class Hyperelastic:
             if viscous is not None and any(self.viscosity):
                 return (self._linear + self._damping / viscous.step).tocsr()
             return self._linear
-        return self._layout.matrix(
+        found = self._layout.matrix(
             [side.tangent(displacement, viscous, projected) for side in self._blocks]
         )
+        if self._interface:
+            found = (found + self._interface.tangent(displacement)).tocsr()
+        return found
 
     def forces_between(self, before: np.ndarray, after: np.ndarray, step: float) -> np.ndarray:
         """Forces whose work from one displacement to another is the change of the energy, N.
@@ -205,7 +206,17 @@ class Hyperelastic:
         Returns
         -------
         (size, d) array
+
+        Raises
+        ------
+        InputError
+            The law is svk and the spaces are coupled after Nitsche, whose part is no such mean.
         """
+        if self._interface:
+            raise InputError(
+                "no rule keeps the energy of St. Venant-Kirchhoff coupled after Nitsche",
+                remedy="choose collocation, or the rules newmark or midpoint",
+            )
         if self.law == "linear":
             flat = 0.5 * self._linear @ (before + after).T.ravel()
             if any(self.viscosity):
@@ -274,6 +285,13 @@ class Hyperelastic:
             each = sparse.kron(sparse.identity(self.dimension), embedding, format="csr")
             total = total + each.T @ elastic(side, 0.0, 0.5 * eta) @ each
         return sparse.csr_matrix(total)
+
+    @cached_property
+    def _interface(self) -> NitscheTerms | None:
+        """The interface's part of the energy where the spaces are coupled after Nitsche."""
+        if self.law == "linear" or not isinstance(self.space, NitscheSpace):
+            return None
+        return NitscheTerms(self.space, self.materials[1])
 
     @cached_property
     def _layout(self) -> Layout:
