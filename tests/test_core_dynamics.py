@@ -14,6 +14,8 @@ from HybridVolume.core.analysis.coupling import CollocationSpace, NitscheSpace
 from HybridVolume.core.analysis.hyperelastic import Hyperelastic, Viscous
 from HybridVolume.core.analysis.modal import modal
 from HybridVolume.core.analysis.newmark import Newmark
+from HybridVolume.core.analysis.plane import plane_space
+from HybridVolume.core.analysis.plane_curve import ellipse
 from HybridVolume.core.analysis.spline_space import SplineSpace
 from HybridVolume.core.analysis.tet_space import tet_space
 from HybridVolume.core.assembly import build_surface
@@ -182,6 +184,34 @@ def test_a_body_coupled_after_nitsche_flies_alike():
     outer = body.space.spline.outer
     moved = np.abs(last.displacement[outer]).max()
     assert np.abs(end.displacement[outer] - last.displacement[outer]).max() < 0.05 * moved
+
+
+@pytest.mark.parametrize("coupling", ["collocation", "nitsche"])
+def test_in_the_plane(coupling):
+    both = plane_space(ellipse((1.0, 0.7)).refined(2), 0.3, 1, 2, coupling, size=0.5)
+    body = Hyperelastic(both, RUBBER, DENSITY)
+    x = body.reference
+    bend = BEND[:2, :2]
+    deformation = np.eye(2) + bend
+    green = 0.5 * (deformation.T @ deformation - np.eye(2))
+    area = body.weights.sum() / DENSITY
+    assert area == pytest.approx(0.7 * np.pi, rel=2e-3)
+    assert body.energy(x @ bend.T) == pytest.approx(stored(RUBBER, green, area), rel=1e-9)
+    turn = np.array([[-0.4, -0.8], [0.8, -0.4]]) @ x.T
+    turn = turn.T / np.hypot(0.4, 0.8) - x
+    assert abs(body.energy(turn)) < 1e-10 * stored(RUBBER, green, area)
+    rule = "conserving" if coupling == "collocation" else "midpoint"
+    floor = PlaneContact([0.0, 1.0], -0.71, 2.0)
+    motion = Newmark(body, 2e-5, contacts=[floor], gravity=[0.0, -9810.0], rule=rule)
+    start = motion.start(np.column_stack([-500.0 * x[:, 1], 500.0 * x[:, 0] - 800.0]))
+    *_, last = motions = list(motion.run(start, 25))
+    total = motion.energies(start).total
+    drift = max(abs(motion.energies(m).total / total - 1.0) for m in motions)
+    assert drift < (1e-8 if rule == "conserving" else 0.02)
+    assert max(motion.energies(m).contact for m in motions) > 0.01 * total
+    assert motion.momentum(last)[0][1] > 0.0 > motion.momentum(start)[0][1]
+    # the plane has no friction
+    assert abs(motion.momentum(last)[0][0]) < 1e-9 * motion.momentum(last)[0][1]
 
 
 def test_a_plane_presses_back():
