@@ -240,7 +240,9 @@ class BezierCells:
         weights = np.concatenate([batch.weights.ravel() for batch in self.batches])
         size = self.spline.shell.surface.diagonal
         scaled = np.column_stack([(points - points.mean(axis=0)) / size, weights])
-        pairs = cKDTree(scaled).query_pairs(_SAME, output_type="ndarray")
+        # far off the origin coordinates have fewer digits
+        same = max(_SAME, 16.0 * np.finfo(float).eps * float(np.abs(points).max()) / size)
+        pairs = cKDTree(scaled).query_pairs(same, output_type="ndarray")
         graph = sparse.coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(points), len(points)))
         _, label = sparse.csgraph.connected_components(graph, directed=False)
         _, first = np.unique(label, return_index=True)

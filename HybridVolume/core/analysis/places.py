@@ -66,9 +66,11 @@ class Locator:
         self.cells, self.tets = space.cells, space.space.tets
         self.surface = space.space.spline.shell.surface
         self.count = len(self.cells)
-        points = [batch.points for batch in self.cells.batches]
-        self.size = float(np.linalg.norm(np.ptp(np.concatenate([p.reshape(-1, 3) for p in points]),
-                                                axis=0)))  # fmt: skip
+        points = np.concatenate([batch.points.reshape(-1, 3) for batch in self.cells.batches])
+        self.size = float(np.linalg.norm(np.ptp(points, axis=0)))
+        # far off the origin coordinates have fewer digits
+        rounding = 64.0 * np.finfo(float).eps * float(np.abs(points).max())
+        self._met = max(_MET * self.size, rounding)
 
     @cached_property
     def _samples(self) -> tuple[cKDTree, np.ndarray, np.ndarray]:
@@ -121,12 +123,12 @@ class Locator:
         _, near = tree.query(points[rows], k=min(_NEAR, tree.n))
         near = near.reshape(len(rows), -1)
         for place in range(near.shape[1]):
-            left = np.flatnonzero(found.distance[rows] > _MET * self.size)
+            left = np.flatnonzero(found.distance[rows] > self._met)
             again = (element[near[left, :place]] == element[near[left, place]][:, None]).any(axis=1)
             left = left[~again]
             sample = near[left, place]
             self._try(points, rows[left], element[sample], local[sample], found)
-        left = rows[found.distance[rows] > _MET * self.size]
+        left = rows[found.distance[rows] > self._met]
         if len(left):
             pairs = self._boxes.pairs(BoxTree(points[left], points[left]))
             row, member = left[pairs[:, 1]], pairs[:, 0]
@@ -151,7 +153,7 @@ class Locator:
                 return members.at(place[k], t, members.points, slopes=True)
 
             local[chosen], distance[chosen] = _newton(
-                points[rows[chosen]], start[chosen], cube, _into_cube, _MET * self.size
+                points[rows[chosen]], start[chosen], cube, _into_cube, self._met
             )
         core = np.flatnonzero(element >= self.count)
         if len(core):
@@ -162,7 +164,7 @@ class Locator:
                 return np.einsum("mn,mnd->md", values, net[k]), slopes @ net[k]
 
             local[core], distance[core] = _newton(
-                points[rows[core]], start[core], tet, _into_tet, _MET * self.size
+                points[rows[core]], start[core], tet, _into_tet, self._met
             )
         # a point may stand here several times: the nearest comes last and stays
         order = np.argsort(-distance, kind="stable")
