@@ -8,15 +8,17 @@ in the interface's triangles.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ...errors import InputError
-from ..columns import evaluate_columns
 from ..interior import Interface, Interior
 from ..shell import Shell
+from ..tetmesh import TetMesh
 from .simplex_space import DEGREES, SimplexSpace, found_rows, lattice_keys
 from .spline_space import SplineSpace
-from .subdivision import interface_places
+from .subdivision import interface_places, raised_simplices
 from .unfold import unfolded
 
 
@@ -41,8 +43,13 @@ def tet_space(shell: Shell, interface: Interface, interior: Interior, degree: in
         The degree is another, or tets stay folded by the curved interface; their faces are named.
         :func:`.hybrid_space.hybrid_space` cuts tets and interface then.
     """
-    space, _ = unfolded(curved_tets(shell, interface, interior, degree))
-    check_valid(space, SplineSpace(shell))
+    if degree not in DEGREES:
+        raise InputError(f"degree {degree} in the core", remedy="choose 1, 2 or 3")
+    spline = SplineSpace(shell)
+    space, _ = unfolded(curved_tets(spline, interior.mesh, Sides.of(interface), min(degree, 2)))
+    if degree > 2 and (space.jacobian_bounds > 0.0).all():
+        space, _ = raised_simplices(space, spline, degree)
+    check_valid(space, spline)
     return space
 
 
@@ -74,54 +81,57 @@ def check_valid(space: SimplexSpace, spline: SplineSpace) -> None:
         )
 
 
-def curved_tets(
-    shell: Shell, interface: Interface, interior: Interior, degree: int = 2
-) -> TetSpace:
+@dataclass(frozen=True)
+class Sides:
+    """Triangles of a core on the interface, and where their corners are on the shell.
+
+    Attributes
+    ----------
+    triangles : (t, 3) int array
+        Vertices of the core's mesh.
+    patch : (t,) int array
+    uv : (t, 3, 2) array
+    w : (t, 3) array
+        Parameters of the corners.
+    """
+
+    triangles: np.ndarray
+    patch: np.ndarray
+    uv: np.ndarray
+    w: np.ndarray
+
+    @staticmethod
+    def of(interface: Interface) -> Sides:
+        """Those of an interface."""
+        count = len(interface.vertices)
+        w = interface.vertex_w if len(interface.vertex_w) else np.ones(count)
+        triangles = interface.triangles
+        return Sides(triangles, interface.triangle_patch, interface.triangle_uv, w[triangles])
+
+
+def curved_tets(spline: SplineSpace, mesh: TetMesh, sides: Sides, degree: int) -> TetSpace:
     """Tets whose nodes on the interface stand on the inner surface; they may be folded.
 
-    Parameters and what is refused as for :func:`tet_space`.
+    Parameters
+    ----------
+    spline : SplineSpace
+    mesh : TetMesh
+    sides : Sides
+        All triangles of its boundary.
+    degree : {1, 2}
     """
-    if degree not in DEGREES:
-        raise InputError(f"degree {degree} in the core", remedy="choose 1, 2 or 3")
-    mesh = interior.mesh
     keys = lattice_keys(mesh.tets, degree)
     flat, inverse = np.unique(keys.reshape(-1, degree), axis=0, return_inverse=True)
     elements = inverse.reshape(keys.shape[:2])
-    nodes = mesh.vertices[flat].mean(axis=1)
-    corners = np.full(len(mesh.vertices), -1)
-    at_corner = (flat == flat[:, :1]).all(axis=1)
-    corners[flat[at_corner, 0]] = np.flatnonzero(at_corner)
-    nodes[corners] = mesh.vertices
-
-    triangle_keys = lattice_keys(interface.triangles, degree)
-    faces = found_rows(flat, triangle_keys.reshape(-1, degree)).reshape(triangle_keys.shape[:2])
-    reach = interface.vertex_w if len(interface.vertex_w) else np.ones(len(interface.vertices))
-    sides = interface.triangle_patch, interface.triangle_uv, reach[interface.triangles]
-    on, patch, uv, w = interface_places(faces, *sides, degree)
-    straight = nodes.copy()
-    nodes[on] = evaluate_columns(shell, patch, uv, w[None])[0]
-    # the mesh's own vertices keep their bits
-    vertices = corners[: len(interface.vertices)]
-    nodes[vertices] = interface.vertices
-    if degree == 3:
-        _centre_faces(nodes, straight, flat, on)
-    return TetSpace(degree, nodes, elements, on, patch, uv, w, faces, *sides)
-
-
-def _centre_faces(
-    nodes: np.ndarray, straight: np.ndarray, flat: np.ndarray, interface: np.ndarray
-) -> None:
-    """Move the nodes in faces beside the interface, so that cubic tets stay smooth inside.
-
-    A face's node follows the nodes of its edges such that quadratic maps are kept.
-    """
-    corner = (np.diff(flat, axis=1) != 0).all(axis=1)
-    corner[interface] = False
-    inside = np.flatnonzero(corner)
-    a, b, c = flat[inside].T
-    edges = np.concatenate(
-        [np.sort(np.column_stack(t), axis=1)
-         for t in ((a, a, b), (a, b, b), (b, b, c), (b, c, c), (a, a, c), (a, c, c))]
-    )  # fmt: skip
-    moved = (nodes - straight)[found_rows(flat, edges)].reshape(6, -1, 3)
-    nodes[inside] += 0.25 * moved.sum(axis=0)
+    face_keys = lattice_keys(sides.triangles, degree)
+    faces = found_rows(flat, face_keys.reshape(-1, degree)).reshape(face_keys.shape[:2])
+    on, patch, uv, w = interface_places(faces, sides.patch, sides.uv, sides.w, degree)
+    places = spline.basis_at(patch, uv, w) @ spline.control_points
+    vertices = mesh.vertices.copy()
+    corner = (flat[on] == flat[on, :1]).all(axis=1)
+    vertices[flat[on[corner], 0]] = places[corner]
+    nodes = vertices[flat].mean(axis=1)
+    nodes[on] = places
+    return TetSpace(
+        degree, nodes, elements, on, patch, uv, w, faces, sides.patch, sides.uv, sides.w
+    )
