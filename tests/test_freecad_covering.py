@@ -77,17 +77,19 @@ def test_geometry_is_exact():
 
 
 @pytest.mark.parametrize(
-    ("solid", "genus"), [(Part.makeCylinder(5, 20), 0), (Part.makeSphere(10), 0), (plate(), 1)]
+    ("solid", "genus", "exact"),
+    [(Part.makeCylinder(5, 20), 0, True), (Part.makeSphere(10), 0, False), (plate(), 1, True)],
 )
-def test_covers_are_closed_and_near(solid, genus, python, monkeypatch):
+def test_covers_are_closed_and_near(solid, genus, exact, python, monkeypatch):
     monkeypatch.setenv("HYBRIDVOLUME_PYTHON", python)
     covered = cover_solid(solid)
     surface = build_surface(list(covered.faces))
     check_surface(surface)
     assert surface.genus == (genus,)
-    assert surface.volume() == pytest.approx(solid.Volume, rel=2e-4)
+    # planes and whole rectangles of surfaces keep their geometry
+    assert surface.volume() == pytest.approx(solid.Volume, rel=1e-12 if exact else 2e-4)
     assert sorted(set(covered.origin.tolist())) == list(range(len(solid.Faces)))
-    allowed = 1e-4 * solid.BoundBox.DiagonalLength
+    allowed = (1e-12 if exact else 1e-4) * solid.BoundBox.DiagonalLength
     assert covered.deviation.max() <= allowed
     rng = np.random.default_rng(1)
     for k in rng.choice(len(covered.faces), 12, replace=False).tolist():
@@ -95,4 +97,4 @@ def test_covers_are_closed_and_near(solid, genus, python, monkeypatch):
         assert patch.name.startswith(f"Face{covered.origin[k] + 1}.")
         for point in evaluate_face(patch, *random_parameters(k, 3)):
             off = Part.Vertex(FreeCAD.Vector(*point)).distToShape(face)[0]
-            assert off <= 1.5 * allowed
+            assert off <= 1.5 * allowed + 1e-9

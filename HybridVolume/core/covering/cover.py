@@ -9,8 +9,8 @@ folded, or too far from the CAD face, gets more intervals, and all is made again
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,16 +20,18 @@ from ...errors import HybridVolumeError, InputError, SingularSurfaceError
 from ..assembly import build_surface
 from ..bezier import bernstein
 from ..check import check_surface
-from ..merged_quads import merged_faces
-from ..quad_layout import quad_layout
 from ..surface import SplineFace
+from .coons import homogeneous_nets
 from .geometry import SplineCurve, project
 from .intervals import assign_intervals, lower_bounds
+from .iso_faces import curves_of_sides, grid_parameters, on_grids, rectangle_faces
 from .lattice import bicubic_nets
 from .outline import Outline
+from .patches import joined_patches
 from .pillows import corner_angles, pillow_flat_corners
 from .quad_mesh import QuadCover, quad_cover
 from .relaxing import relaxed
+from .rims import Rims, rims_of, spread
 
 logger = logging.getLogger(__name__)
 
@@ -95,14 +97,15 @@ def cover_body(
     diagonal = float(np.linalg.norm(np.ptp(outline.vertices, axis=0)))
     size = diagonal / share
     fewest = lower_bounds(outline, np.radians(turn), size)
+    planar = np.array([is_planar(face) for face in surfaces])
     failure: HybridVolumeError | None = None
     for number in range(ROUNDS):
         intervals, sides = assign_intervals(outline, fewest)
         cover = quad_cover(brep, outline, intervals, sides, size)
-        cover, cut = pillow_flat_corners(cover)
-        cover = relaxed(cover, surfaces)
-        nets = bicubic_nets(cover, list(curves), list(surfaces))
-        deviation = _deviations(cover, nets, surfaces)
+        cover, grids, rims, own = _fitted(cover, outline, sides, curves, surfaces, planar)
+        bicubic = bicubic_nets(cover, own, surfaces)
+        nets = homogeneous_nets(cover, bicubic, rims, planar)
+        deviation = _deviations(cover, nets, grids, surfaces)
         bad = np.flatnonzero(deviation > tolerance)
         if len(bad):
             failure = InputError(
@@ -121,7 +124,7 @@ def cover_body(
                 remedy="merge narrow faces with their neighbours in the CAD program",
             )
         if not len(bad):
-            faces, origin = _patches(cover, nets, diagonal)
+            faces, origin = joined_patches(cover, nets, grids, surfaces)
             try:
                 check_surface(build_surface(faces))
             except SingularSurfaceError as error:
@@ -129,9 +132,8 @@ def cover_body(
                 edges = _edges_near(cover, error)
             else:
                 logger.info(
-                    "%d quads (%d cut at flat corners) in %d patches, %d rounds",
-                    len(cover.quads), len(cut), len(faces), number + 1,
-                )  # fmt: skip
+                    "%d quads in %d patches, %d rounds", len(cover.quads), len(faces), number + 1
+                )
                 return Cover(tuple(faces), origin, deviation, len(cover.quads))
         if len(bad):
             edges = np.unique(outline.edge[np.isin(outline.face, bad)])
@@ -148,24 +150,6 @@ def _names(faces: np.ndarray) -> list[str]:
     return [f"Face{face + 1}" for face in faces.tolist()]
 
 
-def _patches(
-    cover: QuadCover, nets: np.ndarray, diagonal: float
-) -> tuple[list[SplineFace], np.ndarray]:
-    """Quads joined to patches of many spans, none across an edge of the outline."""
-    joined = merged_faces(cover.quads, nets, cover.rim, diagonal)
-    origin = np.empty(len(joined), dtype=int)
-    origin[quad_layout(cover.quads, cover.rim).patch] = cover.face
-    place = np.zeros(len(joined), dtype=int)
-    order = np.argsort(origin, kind="stable")
-    _, start, count = np.unique(origin[order], return_index=True, return_counts=True)
-    place[order] = np.arange(len(joined)) - np.repeat(start, count)
-    named = [
-        replace(face, name=f"Face{origin[k] + 1}.{place[k] + 1}", exact=False)
-        for k, face in enumerate(joined)
-    ]
-    return named, origin
-
-
 def _edges_near(cover: QuadCover, error: SingularSurfaceError) -> np.ndarray:
     """Edges of the outline within two quads of the places that an error names."""
     near = cKDTree(cover.points).query([place.point for place in error.places])[1]
@@ -180,13 +164,67 @@ def _edges_near(cover: QuadCover, error: SingularSurfaceError) -> np.ndarray:
     return np.unique(rim)
 
 
-def _deviations(cover: QuadCover, nets: np.ndarray, surfaces: Sequence[SplineFace]) -> np.ndarray:
+def _deviations(
+    cover: QuadCover,
+    nets: Mapping[tuple[int, int], tuple[np.ndarray, np.ndarray]],
+    grids: Container[int],
+    surfaces: Sequence[SplineFace],
+) -> np.ndarray:
     """Largest distance of the patches from each face, between the points they go through."""
-    table = bernstein(3, np.array([1 / 6, 1 / 2, 5 / 6]))
-    samples = np.einsum("ai,bj,mijd->mabd", table, table, nets).reshape(len(nets), -1, 3)
+    at = np.array([1 / 6, 1 / 2, 5 / 6])
+    samples = np.empty((len(cover.quads), 9, 3))
+    for (du, dv), (quads, points) in nets.items():
+        x = np.einsum("ai,bj,kijd->kabd", bernstein(du, at), bernstein(dv, at), points)
+        samples[quads] = (x[..., :3] / x[..., 3:]).reshape(-1, 9, 3)
     found = np.zeros(len(surfaces))
     for face in np.unique(cover.face).tolist():
-        points = samples[cover.face == face].reshape(-1, 3)
-        feet = project(surfaces[face], points)[1]
-        found[face] = np.linalg.norm(points - feet, axis=1).max()
+        if face not in grids:
+            points = samples[cover.face == face].reshape(-1, 3)
+            feet = project(surfaces[face], points)[1]
+            found[face] = np.linalg.norm(points - feet, axis=1).max()
     return found
+
+
+def _fitted(
+    cover: QuadCover,
+    outline: Outline,
+    sides: dict[int, list[np.ndarray]],
+    curves: Sequence[SplineCurve | None],
+    surfaces: Sequence[SplineFace],
+    planar: np.ndarray,
+) -> tuple[QuadCover, dict[int, tuple[np.ndarray, np.ndarray]], Rims, Sequence[SplineCurve | None]]:
+    """Corners put to where faces and edges can be kept, and what can be kept.
+
+    Returns
+    -------
+    cover : QuadCover
+    grids : dict
+        Corners and parameters of faces that are pieces of their surfaces.
+    rims : Rims
+    curves : sequence of SplineCurve
+        Of edges, with the parameters of the faces that are kept.
+    """
+    rectangles = rectangle_faces(outline, sides, surfaces)
+    curves, rectangles = curves_of_sides(outline, rectangles, curves, surfaces)
+    beside = np.zeros(len(outline.edges), dtype=bool)
+    beside[outline.edge[rectangles[outline.face]]] = True
+    cover = pillow_flat_corners(spread(cover, curves, np.flatnonzero(beside)))
+    grids = {}
+    for face in np.flatnonzero(rectangles).tolist():
+        found = grid_parameters(cover, face, surfaces[face])
+        if found is not None:
+            grids[face] = found
+    kept = planar.copy()
+    kept[list(grids)] = True
+    wanted = np.zeros(len(outline.edges), dtype=bool)
+    wanted[outline.edge[kept[outline.face]]] = True
+    cover = relaxed(on_grids(cover, grids, surfaces), surfaces, np.isin(cover.face, list(grids)))
+    rims = rims_of(cover, curves, wanted)
+    return cover, grids, rims, curves
+
+
+def is_planar(face: SplineFace) -> bool:
+    """Whether a face is in a plane, as far as can be told."""
+    points = face.control_points.reshape(-1, 3)
+    away = points - points.mean(axis=0)
+    return bool(np.linalg.svd(away, compute_uv=False)[2] <= 1e-12 * np.abs(away).max() * len(away))

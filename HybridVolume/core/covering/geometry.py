@@ -49,6 +49,13 @@ class SplineCurve:
             homogeneous.append(np.einsum("mi,mid->md", values, local))
         return _quotient(homogeneous)
 
+    def cut(self, low: float, high: float) -> SplineCurve:
+        """The part between two parameters."""
+        knots, matrix = clamped_part(self.degree, self.knots, low, high)
+        weights = matrix @ self.weights
+        points = matrix @ (self.control_points * self.weights[:, None])
+        return SplineCurve(self.degree, knots, points / weights[:, None], weights)
+
     def project(self, points: np.ndarray) -> np.ndarray:
         """Parameters of the nearest places of m points, (m,)."""
         lines = bspline.breakpoints(self.knots)
@@ -68,6 +75,41 @@ class SplineCurve:
             if done.all():
                 break
         return t
+
+
+def clamped_part(
+    degree: int, knots: np.ndarray, low: float, high: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Knots of the part of a spline between two parameters, and the matrix to its points.
+
+    Ends that are knots but for rounding are these knots.
+
+    Returns
+    -------
+    knots : array
+        Clamped.
+    matrix : (m, n) array
+        From the (homogeneous) control points of the whole.
+    """
+    values, counts = bspline.multiplicities(knots)
+    size = values[-1] - values[0]
+    ends = []
+    for x in (low, high):
+        k = int(np.abs(values - x).argmin())
+        if abs(values[k] - x) <= 1e-9 * size:
+            if 0 < k < len(values) - 1:
+                counts[k] = max(counts[k], degree)
+            ends.append(values[k])
+        else:
+            k = int(np.searchsorted(values, x))
+            values, counts = np.insert(values, k, x), np.insert(counts, k, degree)
+            ends.append(x)
+    full = np.repeat(values, counts)
+    matrix = bspline.insertion_matrix(degree, knots, full)
+    inner = full[(full > ends[0]) & (full < ends[1])]
+    first = 0 if ends[0] <= values[0] else int(np.searchsorted(full, ends[0])) - 1
+    new = np.concatenate([[ends[0]] * (degree + 1), inner, [ends[1]] * (degree + 1)])
+    return new, matrix[first : first + len(new) - degree - 1]
 
 
 def evaluate(face: SplineFace, uv: np.ndarray, derivative: int = 0) -> list[np.ndarray]:

@@ -8,6 +8,8 @@ face. A side has its points once, so that neighbours share them and the surface 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..surface import SplineFace
@@ -29,16 +31,16 @@ _INVERSE = np.linalg.inv(_BERNSTEIN)
 
 
 def bicubic_nets(
-    cover: QuadCover, curves: list[SplineCurve | None], surfaces: list[SplineFace]
+    cover: QuadCover, curves: Sequence[SplineCurve | None], surfaces: Sequence[SplineFace]
 ) -> np.ndarray:
     """Bézier points of all quads.
 
     Parameters
     ----------
     cover : QuadCover
-    curves : list of SplineCurve
+    curves : sequence of SplineCurve
         Of the outline's edges.
-    surfaces : list of SplineFace
+    surfaces : sequence of SplineFace
         Of its faces.
 
     Returns
@@ -87,7 +89,7 @@ def bicubic_nets(
     return np.einsum("ia,jb,nabd->nijd", _INVERSE, _INVERSE, grid)
 
 
-def _on_faces(cover: QuadCover, surfaces: list[SplineFace]) -> np.ndarray:
+def _on_faces(cover: QuadCover, surfaces: Sequence[SplineFace]) -> np.ndarray:
     """Corners of quads, those inside faces moved onto these."""
     points = cover.points.copy()
     inside = np.ones(len(points), dtype=bool)

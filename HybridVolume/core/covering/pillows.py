@@ -22,7 +22,7 @@ _SHARES = (0.5, 0.4, 0.3, 0.6, 0.2)
 """How far the small quad's corners are drawn towards its middle; the best is taken."""
 
 
-def pillow_flat_corners(cover: QuadCover) -> tuple[QuadCover, np.ndarray]:
+def pillow_flat_corners(cover: QuadCover) -> QuadCover:
     """Cut quads with a flat corner on the outline into five.
 
     Parameters
@@ -31,10 +31,8 @@ def pillow_flat_corners(cover: QuadCover) -> tuple[QuadCover, np.ndarray]:
 
     Returns
     -------
-    cover : QuadCover
-        New points are inside the quads, near the faces.
-    cut : (k,) int array
-        The quads that were cut; each stands for the first of its five.
+    QuadCover
+        Its new points are inside the quads, near the faces.
     """
     quads, points = cover.quads, cover.points
     sides = np.sort(np.stack([quads, np.roll(quads, -1, axis=1)], axis=2), axis=2)
@@ -43,7 +41,7 @@ def pillow_flat_corners(cover: QuadCover) -> tuple[QuadCover, np.ndarray]:
     flat = (angles > FLAT) & on_rim & np.roll(on_rim, 1, axis=1)
     cut = np.flatnonzero(flat.any(axis=1))
     if not len(cut):
-        return cover, cut
+        return cover
     inner = _inner_corners(points[quads[cut]])
     count = len(points)
     new = (count + np.arange(4 * len(cut))).reshape(-1, 4)
@@ -61,7 +59,7 @@ def pillow_flat_corners(cover: QuadCover) -> tuple[QuadCover, np.ndarray]:
         points=np.concatenate([points, inner.reshape(-1, 3)]),
         quads=all_quads[order],
         face=face[order],
-    ), cut
+    )
 
 
 def corner_angles(corners: np.ndarray) -> np.ndarray:

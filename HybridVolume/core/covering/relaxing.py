@@ -25,7 +25,9 @@ _STEPS = (0.3, 0.1, 0.03)
 """Lengths of moves, as shares of the mean side beside the vertex."""
 
 
-def relaxed(cover: QuadCover, surfaces: Sequence[SplineFace]) -> QuadCover:
+def relaxed(
+    cover: QuadCover, surfaces: Sequence[SplineFace], kept: np.ndarray | None = None
+) -> QuadCover:
     """Move inner vertices of quads with bad corners.
 
     Parameters
@@ -33,8 +35,12 @@ def relaxed(cover: QuadCover, surfaces: Sequence[SplineFace]) -> QuadCover:
     cover : QuadCover
     surfaces : sequence of SplineFace
         Of the outline's faces; vertices stay on these.
+    kept : (m,) bool array, optional
+        Quads whose corners stay where they are.
     """
     table = _Neighbours(cover)
+    if kept is not None:
+        table.free[cover.quads[kept]] = False
     points = cover.points.copy()
     normals = _normals(points[cover.quads])
     for _ in range(ROUNDS):
