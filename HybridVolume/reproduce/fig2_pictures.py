@@ -135,7 +135,7 @@ def scan(cases: Sequence[Case], path: Path) -> None:
     """Flipped elements at impact and at rest over the stiffness."""
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(1, 2, dpi=DOTS, figsize=(8.0, 3.2), sharey=True)
+    figure, axes = plt.subplots(1, 2, dpi=DOTS, figsize=(8.0, 3.2))
     for axis, when, title in zip(
         axes, ("impact", "rest"), ("maximal impact", "at rest"), strict=True
     ):
@@ -149,7 +149,7 @@ def scan(cases: Sequence[Case], path: Path) -> None:
             )
         axis.set_title(title, fontsize=10)
         axis.set_xlabel("Young's modulus, kPa")
-    axes[0].set_ylabel("area that is flipped, %")
+        axis.set_ylabel("area that is flipped, %")
     axes[1].legend(fontsize=8)
     figure.tight_layout()
     _save(figure, path)
