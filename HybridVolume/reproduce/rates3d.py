@@ -50,9 +50,15 @@ COLLOCATION, NITSCHE = "collocation", "nitsche"
 W0 = 0.5
 MESHER_LIMIT = 300.0
 """Seconds for a mesher of tets."""
-_SOURCES = ("core/**/*.py", "reproduce/bodies.py", "reproduce/fem_bodies.py",
-            "reproduce/fem_rivals.py", "reproduce/rates3d_case.py",
-            "reproduce/rates3d_measure.py", "reproduce/rates3d_problems.py")  # fmt: skip
+_SOURCES = (
+    "core/*.py", "reproduce/bodies.py", "reproduce/fem_bodies.py", "reproduce/fem_measure.py",
+    "reproduce/fem_rivals.py", "reproduce/rates3d_case.py", "reproduce/rates3d_measure.py",
+    "reproduce/rates3d_problems.py",
+    *(f"core/analysis/{name}.py" for name in (
+        "assembly", "boundary", "core_repair", "coupling", "elasticity", "elevation",
+        "hybrid_space", "interface_figures", "linear", "poisson", "refine", "samples",
+        "simplex_space", "spline_space", "subdivision", "tet_space", "unfold")),
+)  # fmt: skip
 """Files that decide whether a case has to be done again."""
 
 
@@ -72,8 +78,10 @@ class Asked:
     small : bool
         Whether it is part of the small run.
     w0 : float
-    own_spans : bool
-        Whether the shell starts from the knot spans of the body alone.
+    start : {"own", "user"} or float
+        Knot spans of the first shell, as for :func:`.rates3d_case.made_shell`.
+    cuts, finer : int
+        As for :func:`.rates3d_case.made_space`.
     sizes : tuple of float
         Edges of tets alone, as shares of the diagonal.
     pictured : int
@@ -89,49 +97,65 @@ class Asked:
     levels: int = 5
     small: bool = False
     w0: float = W0
-    own_spans: bool = True
+    start: str | float = "own"
+    cuts: int = 1
+    finer: int = 0
     sizes: tuple[float, ...] = ()
     pictured: int = -1
 
     @property
     def name(self) -> str:
         """Of the case and its file."""
-        level = f"-w{self.w0:g}" if self.w0 != W0 else ""
-        how = f"-p{self.p}-k{self.k}-{self.coupling}" if self.part != "tets" else ""
-        return f"{self.part}-{self.body}-{self.problem}{how}{level}"
+        if self.part == "tets":
+            return f"tets-{self.body}-{self.problem}"
+        words = [self.part, self.body, self.problem, f"p{self.p}", f"k{self.k}", self.coupling]
+        if self.cuts > 1:
+            words.append(f"cut{self.cuts}")
+        if self.finer:
+            words.append(f"finer{self.finer}")
+        if self.start != "own":
+            words.append(self.start if isinstance(self.start, str) else f"even{self.start:g}")
+        return "-".join(words)
 
 
-def _rates(body: str, problem: str, *ways: tuple[int, int, str, int], **more: Any) -> list[Asked]:
-    return [Asked("rates", body, problem, p, k, coupling, levels, **more)
-            for p, k, coupling, levels in ways]  # fmt: skip
+def _rates(
+    body: str, problem: str, p: int, k: int, coupling: str, levels: int, **more: Any
+) -> Asked:
+    return Asked("rates", body, problem, p, k, coupling, levels, **more)
 
 
 ASKED = (
-    *_rates("sphere", "poisson", (4, 2, COLLOCATION, 5), (4, 3, NITSCHE, 4), (4, 2, NITSCHE, 4),
-            (4, 1, COLLOCATION, 5), (4, 3, COLLOCATION, 4)),
-    *_rates("torus", "poisson", (2, 2, COLLOCATION, 4), (3, 2, COLLOCATION, 4),
-            (3, 3, NITSCHE, 4), (3, 3, COLLOCATION, 4)),
-    *_rates("twisted_fichera", "poisson", (3, 2, COLLOCATION, 4), (3, 3, NITSCHE, 4)),
-    *_rates("fandisk", "poisson", (3, 2, COLLOCATION, 3), (3, 3, NITSCHE, 2), own_spans=False),
-    *_rates("hollow_sphere", "lame", (4, 2, COLLOCATION, 4), (4, 3, NITSCHE, 3)),
-    *_rates("torus", "elasticity", (2, 2, COLLOCATION, 4), (3, 2, COLLOCATION, 4),
-            (3, 3, NITSCHE, 3)),
+    _rates("sphere", "poisson", 4, 2, COLLOCATION, 4, cuts=3, pictured=2),
+    _rates("sphere", "poisson", 4, 2, COLLOCATION, 3),
+    _rates("sphere", "poisson", 4, 2, NITSCHE, 3),
+    _rates("sphere", "poisson", 4, 3, NITSCHE, 3),
+    _rates("torus", "poisson", 2, 2, COLLOCATION, 4),
+    _rates("torus", "poisson", 3, 2, COLLOCATION, 3),
+    _rates("torus", "poisson", 3, 3, NITSCHE, 4),
+    _rates("torus", "poisson", 3, 3, NITSCHE, 2, start=1.6, finer=1, pictured=1),
+    _rates("twisted_fichera", "poisson", 3, 2, COLLOCATION, 4, pictured=2),
+    _rates("twisted_fichera", "poisson", 3, 3, NITSCHE, 3),
+    _rates("fandisk", "poisson", 3, 2, COLLOCATION, 3, start="user", pictured=1),
+    _rates("hollow_sphere", "lame", 4, 2, COLLOCATION, 3, cuts=3),
+    _rates("hollow_sphere", "lame", 4, 3, NITSCHE, 3),
+    _rates("torus", "elasticity", 2, 2, COLLOCATION, 4),
+    _rates("torus", "elasticity", 3, 3, NITSCHE, 2, start=1.6, finer=1),
     *(Asked("tets", body, problem, sizes=sizes) for body, problem, sizes in (
-        ("sphere", "poisson", (0.3, 0.15, 0.075, 0.045)),
-        ("torus", "poisson", (0.15, 0.075, 0.0375, 0.025)),
-        ("twisted_fichera", "poisson", (0.2, 0.1, 0.05, 0.03)),
-        ("fandisk", "poisson", (0.1, 0.05, 0.03)),
-        ("hollow_sphere", "lame", (0.15, 0.1, 0.07, 0.05)),
-        ("torus", "elasticity", (0.15, 0.1, 0.06, 0.04)),
+        ("sphere", "poisson", (0.23, 0.14, 0.085, 0.058)),
+        ("torus", "poisson", (0.13, 0.08, 0.051, 0.034)),
+        ("twisted_fichera", "poisson", (0.2, 0.1, 0.06, 0.04)),
+        ("fandisk", "poisson", (0.1, 0.06, 0.04)),
+        ("hollow_sphere", "lame", (0.145, 0.1, 0.072, 0.05)),
+        ("torus", "elasticity", (0.113, 0.08, 0.051, 0.036)),
     )),
     *(Asked("gaps", body, "linear", p, k, coupling, levels)
       for body, p, k, coupling, levels in (
-          ("box", 2, 2, NITSCHE, 3), ("box", 3, 3, NITSCHE, 3),
-          ("sphere", 4, 1, COLLOCATION, 4), ("sphere", 4, 2, COLLOCATION, 4),
-          ("sphere", 4, 3, NITSCHE, 4),
-          ("torus", 2, 2, COLLOCATION, 4), ("torus", 3, 3, NITSCHE, 4))),
-    Asked("rates", "torus", "poisson", 2, 2, COLLOCATION, 3, small=True),
-    Asked("rates", "torus", "poisson", 3, 3, NITSCHE, 2, small=True),
+          ("box", 2, 2, NITSCHE, 2), ("box", 3, 3, NITSCHE, 2),
+          ("sphere", 4, 1, COLLOCATION, 3), ("sphere", 4, 2, COLLOCATION, 3),
+          ("torus", 2, 2, COLLOCATION, 4), ("torus", 2, 2, NITSCHE, 4),
+          ("torus", 3, 3, NITSCHE, 3))),
+    _rates("torus", "poisson", 2, 2, COLLOCATION, 3, small=True),
+    _rates("torus", "poisson", 3, 3, NITSCHE, 3, small=True),
 )  # fmt: skip
 """All cases. Small ones stand beside the large ones that have the same name."""
 
@@ -343,7 +367,8 @@ class Runner(fem.Runner):
         asked = case.asked
         values = {
             "name": case.name, "part": case.part, "body": asked.body, "problem": asked.problem,
-            "p": asked.p, "k": asked.k, "coupling": asked.coupling, "w0": asked.w0, "key": key,
+            "p": asked.p, "k": asked.k, "coupling": asked.coupling, "w0": asked.w0,
+            "start": asked.start, "cuts": asked.cuts, "finer": asked.finer, "key": key,
             "levels": [], "error": dict(error), "seconds": 0.0, "seconds_cpu": 0.0,
         }  # fmt: skip
         write_json(self.cases / f"{case.name}.json", values)

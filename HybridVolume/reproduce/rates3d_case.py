@@ -24,8 +24,10 @@ from HybridVolume import exchange, protocol
 from HybridVolume.core.analysis.coupling import CollocationSpace, NitscheSpace
 from HybridVolume.core.analysis.elevation import elevated_shell
 from HybridVolume.core.analysis.hybrid_space import hybrid_space, refined
+from HybridVolume.core.analysis.interface_figures import gap_figures, patch_deviation
 from HybridVolume.core.assembly import build_surface
 from HybridVolume.core.atomic import replacing
+from HybridVolume.core.even import Evenness, even_as_needed
 from HybridVolume.core.growth import grow_shell
 from HybridVolume.core.interior import build_interface, fill_interior
 from HybridVolume.core.pipeline import Options, field_stage, midstructure_stage
@@ -34,17 +36,22 @@ from HybridVolume.core.surface import PatchSurface, SplineFace
 from HybridVolume.worker import Channel
 
 from .cases import case_main, processor_seconds, told
-from .rates3d_measure import solved, solved_alone
+from .rates3d_measure import rigid_energy, solved, solved_alone
 from .rates3d_pictures import sampled_errors
-from .rates3d_problems import PROBLEMS
+from .rates3d_problems import PROBLEMS, STEEL_LIKE
 
 logger = logging.getLogger(__name__)
 
 Space = CollocationSpace | NitscheSpace
 NORMS = ("l2", "h1", "energy")
+OWN, USER = "own", "user"
+_RIGID = 2
+"""Levels on which the energy of rigid motions is told."""
 
 
-def made_shell(faces: Sequence[SplineFace], degree: int, w0: float, own_spans: bool) -> Shell:
+def made_shell(
+    faces: Sequence[SplineFace], degree: int, w0: float = 0.5, start: str | float = OWN
+) -> Shell:
     """A certified shell of one layer.
 
     Parameters
@@ -54,15 +61,17 @@ def made_shell(faces: Sequence[SplineFace], degree: int, w0: float, own_spans: b
         Across the shell, and the least along the surface; higher ones of the faces stay.
     w0 : float
         Level.
-    own_spans : bool
-        Keep the knot spans of the body as they are; otherwise they are halved where normals turn
-        much, as they are for a user.
+    start : {"own", "user"} or float
+        Knot spans: those of the body itself; those that a user's shell has, halved where normals
+        turn much; or such that no side is longer than this, mm.
     """
     surface = build_surface(list(faces))
     options = Options(w0=w0, layers=1, degree=degree)
     stage = midstructure_stage(surface, options)
-    if own_spans:
+    if start == OWN:
         stage = replace(stage, surface=surface)
+    elif start != USER:
+        stage = replace(stage, surface=even_as_needed(surface, Evenness(float(start), 0.0, 0.0)))
     shell, certificate = grow_shell(
         stage.surface, field_stage(stage, options), options.goal, layers=1, degree_w=degree
     )
@@ -70,11 +79,27 @@ def made_shell(faces: Sequence[SplineFace], degree: int, w0: float, own_spans: b
     return elevated_shell(shell, degree)
 
 
-def made_space(shell: Shell, degree: int, coupling: str) -> Space:
-    """The coarsest space on a shell and its core."""
-    interface = build_interface(shell)
+def made_space(shell: Shell, degree: int, coupling: str, cuts: int = 1, finer: int = 0) -> Space:
+    """The coarsest space on a shell and its core.
+
+    Parameters
+    ----------
+    shell : Shell
+    degree : int
+        Of the core.
+    coupling : {"collocation", "nitsche"}
+    cuts : int
+        Parts that the interface has along each side of a knot rectangle.
+    finer : int
+        How often the shell's functions are refined while the core stays; Nitsche's coupling alone
+        allows it.
+    """
+    interface = build_interface(shell, subdivide=cuts)
     interior = fill_interior(interface, surface=shell.surface)
-    return hybrid_space(shell, interface, interior, degree=degree, coupling=coupling)
+    space = hybrid_space(shell, interface, interior, degree=degree, coupling=coupling)
+    for _ in range(finer):
+        space = replace(space, spline=space.spline.refined())
+    return space
 
 
 def levels(space: Space, count: int) -> Iterator[tuple[int, Space, float]]:
@@ -139,8 +164,7 @@ def rates(
 
 
 def _hybrid(task: Mapping[str, Any], faces: Sequence[SplineFace], tell: Callable) -> dict[str, Any]:
-    shell = made_shell(faces, task["p"], task["w0"], task["own_spans"])
-    space = made_space(shell, task["k"], task["coupling"])
+    shell, space = _coarsest(task, faces)
     surface = shell.surface
     problem = PROBLEMS[task["problem"]](surface)
 
@@ -185,18 +209,47 @@ def _cavities(surface: PatchSurface, pressed: float) -> list[str]:
     return list(dict.fromkeys(patch.face for patch, shell in inside if shell > 0))
 
 
-def _gaps(task: Mapping[str, Any], faces: Sequence[SplineFace], tell: Callable) -> dict[str, Any]:
-    from HybridVolume.core.analysis.hybrid_space import gap_figures
+def _coarsest(task: Mapping[str, Any], faces: Sequence[SplineFace]) -> tuple[Shell, Space]:
+    shell = made_shell(faces, task["p"], task["w0"], task["start"])
+    return shell, made_space(shell, task["k"], task["coupling"], task["cuts"], task["finer"])
 
-    shell = made_shell(faces, task["p"], task["w0"], task["own_spans"])
-    space = made_space(shell, task["k"], task["coupling"])
+
+def interface_rows(
+    space: Space, count: int, told_to: Callable[[float, str], None] | None = None
+) -> list[dict[str, Any]]:
+    """What the interface does to linear fields and rigid motions, on a space and finer ones.
+
+    Returns
+    -------
+    list of dict
+        ``gap``: root mean square distance between the core's faces and the inner surface, and
+        ``transfer``: largest one at the interface's nodes, shares of the diagonal; ``patch_l2``,
+        ``patch_h1``: errors of the patch test; ``rigid``: energy of rigid motions; and rates.
+    """
     rows = []
-    for level, fine, _ in levels(space, task["levels"]):
+    surface = space.spline.shell.surface
+    for level, fine, _ in levels(space, count):
         figures = gap_figures(fine)
-        rows.append({"level": level, "h": 0.5**level, "unknowns": fine.size, **figures})
-        tell((level + 1) / task["levels"], f"level {level}")
-    names = [name for name, value in rows[0].items() if isinstance(value, float) and name != "h"]
-    return {"levels": with_rates(rows, names), "names": names}
+        patch = patch_deviation(fine)
+        rows.append({
+            "level": level,
+            "h": 0.5**level,
+            "unknowns": fine.size,
+            "transfer": figures["transfer"] / surface.diagonal,
+            "gap": figures["rms"] / surface.diagonal,
+            "patch_l2": patch[0],
+            "patch_h1": patch[1],
+            # the matrix of all components is large, and the figure does not depend on h
+            "rigid": rigid_energy(fine, STEEL_LIKE) if level < _RIGID else None,
+        })  # fmt: skip
+        if told_to:
+            told_to((level + 1) / count, f"{fine.size} unknowns")
+    return with_rates(rows, ("gap", "patch_l2", "patch_h1"))
+
+
+def _gaps(task: Mapping[str, Any], faces: Sequence[SplineFace], tell: Callable) -> dict[str, Any]:
+    _, space = _coarsest(task, faces)
+    return {"levels": interface_rows(space, task["levels"], tell)}
 
 
 PARTS: dict[str, Callable] = {"rates": _hybrid, "tets": _tets, "gaps": _gaps}
@@ -215,7 +268,8 @@ def run_case(folder: Path, channel: Channel) -> None:
         figures = {**PARTS[task["part"]](task, faces, tell), "error": None}
     except Exception as fault:
         figures = {"levels": [], "error": told(fault).to_dict()}
-    kept = ("name", "part", "body", "problem", "p", "k", "coupling", "w0", "key")
+    kept = ("name", "part", "body", "problem", "p", "k", "coupling", "w0", "start", "cuts",
+            "finer", "key")  # fmt: skip
     values = {
         **{name: task[name] for name in kept},
         **figures,

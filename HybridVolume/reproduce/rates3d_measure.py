@@ -5,19 +5,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
+from ..core.analysis import linear
 from ..core.analysis.assembly import elastic, load, stiffness
 from ..core.analysis.coupling import CollocationSpace, NitscheSpace
 from ..core.analysis.elasticity import solve_elasticity
-from ..core.analysis.linear import solve_fixed
 from ..core.analysis.poisson import solve_poisson
 from ..core.analysis.simplex_space import SimplexSpace, lattice
 from ..core.analysis.spline_space import SplineSpace
+from ..core.recovery import Material
 from ..errors import FaultError
 from .fem_measure import traction_forces
 from .fem_mesh import Meshed
@@ -40,28 +41,25 @@ class Part:
     space: SplineSpace | SimplexSpace
     coefficients: np.ndarray
 
-    @property
-    def degree(self) -> int:
-        """Highest degree."""
-        return self.space.degree
 
-
-def errors(parts: Sequence[Part], problem: Problem) -> dict[str, float]:
+def errors(parts: Mapping[str, Part], problem: Problem) -> dict[str, float]:
     """Errors over the elements as they are, as shares of the norms of the exact solution.
 
     Returns
     -------
     dict
-        ``l2``; ``h1``, of the seminorm; ``energy``; and ``volume`` of the elements, mm³.
+        ``l2``; ``h1``, of the seminorm; ``energy``; ``volume`` of the elements, mm³; and, of more
+        than one part, the shares of each in the square of the error of energy, ``energy_NAME``.
 
     Raises
     ------
     FaultError
         A figure is not finite, or an element has no volume.
     """
-    off, norm, volume = np.zeros(3), np.zeros(3), 0.0
-    for part in parts:
-        for s in part.space.samples(part.degree + MORE):
+    off = {name: np.zeros(3) for name in parts}
+    norm, volume = np.zeros(3), 0.0
+    for name, part in parts.items():
+        for s in part.space.samples(part.space.degree + MORE):
             if not s.measure.min() > 0.0:
                 raise FaultError("an element is turned inside out", figure=float(s.measure.min()))
             x = s.points.reshape(-1, 3)
@@ -71,17 +69,37 @@ def errors(parts: Sequence[Part], problem: Problem) -> dict[str, float]:
             slope = problem.slope(x).reshape(*shape, 3)
             value = s.values @ inside - exact
             gradient = np.swapaxes(s.gradients @ inside[:, None], 2, 3) - slope
-            for total, u, du in ((off, value, gradient), (norm, exact, slope)):
+            for total, u, du in ((off[name], value, gradient), (norm, exact, slope)):
                 total += [
                     ((u**2).sum(axis=2) * s.measure).sum(),
                     ((du**2).sum(axis=(2, 3)) * s.measure).sum(),
                     (problem.energy(du) * s.measure).sum(),
                 ]
             volume += float(s.measure.sum())
-    found = np.sqrt(off / norm)
+    both = sum(off.values())
+    found = np.sqrt(both / norm)
     if not np.isfinite(found).all():
         raise FaultError("an error is not finite")
-    return {**dict(zip(("l2", "h1", "energy"), found.tolist(), strict=True)), "volume": volume}
+    shares = {}
+    if len(parts) > 1 and both[2] > 0.0:
+        shares = {f"energy_{name}": float(one[2] / both[2]) for name, one in off.items()}
+    names = dict(zip(("l2", "h1", "energy"), found.tolist(), strict=True))
+    return {**names, "volume": volume, **shares}
+
+
+def rigid_energy(space: CollocationSpace | NitscheSpace, material: Material) -> float:
+    """Largest energy of a rigid motion, as a share of that of a stretch of the same size."""
+    spline, core = space.spline.control_points, space.tets.nodes
+    if isinstance(space, CollocationSpace):
+        core = core[space.free_nodes]
+    x = np.concatenate([spline, core])
+    x = x - x.mean(axis=0)
+    matrix = space.elasticity(material, material)
+    motions = [np.broadcast_to(way, x.shape) * np.ptp(x) for way in np.eye(3)]
+    motions += [np.cross(way, x) for way in np.eye(3)]
+    flat = [motion.T.ravel() for motion in (x, *motions)]
+    stretch, *found = (abs(float(u @ (matrix @ u))) for u in flat)
+    return max(found) / stretch
 
 
 def solved(
@@ -100,7 +118,9 @@ def solved(
     started = time.perf_counter(), time.process_time()
     if problem.components == 1:
         found = solve_poisson(
-            space, lambda x: problem.source(x)[:, 0], lambda x: problem.exact(x)[:, 0]
+            space,
+            lambda x: problem.source(x)[:, 0],
+            lambda x: problem.exact(x)[:, 0],
         )
     else:
         pressed, held = _roles(space.spline, problem)
@@ -113,35 +133,20 @@ def solved(
         )
     spent = time.perf_counter() - started[0], time.process_time() - started[1]
     shell, core = space.parts(found.values)
-    figures = getattr(found, "figures", None)
+    sides = {
+        "shell": Part(space.spline, shell.reshape(len(shell), -1)),
+        "core": Part(space.tets, core.reshape(len(core), -1)),
+    }
     return {
-        **errors(
-            [
-                Part(space.spline, shell.reshape(len(shell), -1)),
-                Part(space.tets, core.reshape(len(core), -1)),
-            ],
-            problem,
-        ),
+        **errors(sides, problem),
         "unknowns": space.size * problem.components,
         "unknowns_shell": space.spline.size * problem.components,
         "spans": space.spline.shell.surface.element_count,
         "tets": len(space.tets.elements),
         "seconds": spent[0],
         "seconds_cpu": spent[1],
-        "solver": _plain(figures),
+        "solver": asdict(found.figures),
     }, found.values
-
-
-def _plain(figures: Any) -> dict[str, Any]:
-    """Figures of a solver as plain values."""
-    if figures is None:
-        return {}
-    values = figures if isinstance(figures, dict) else vars(figures)
-    return {
-        name: value.item() if isinstance(value, np.generic) else value
-        for name, value in values.items()
-        if isinstance(value, bool | int | float | str | np.generic)
-    }
 
 
 def _roles(spline: SplineSpace, problem: Problem) -> tuple[list[str], list[str]]:
@@ -211,18 +216,16 @@ def solved_alone(mesh: Meshed, pressed: Sequence[str], problem: Problem) -> dict
     on = mesh.face_nodes(*(name for name in mesh.faces if name not in pressed))
     given = problem.exact(mesh.nodes[on])
     fixed = (on + np.arange(count)[:, None] * space.size).ravel()
-    answer = solve_fixed(matrix, right.T.ravel(), fixed, given.T.ravel())
-    values = getattr(answer, "values", answer)
+    values, figures = linear.solved(matrix, right.T.ravel(), fixed, given.T.ravel())
     spent = time.perf_counter() - started[0], time.process_time() - started[1]
-    coefficients = np.asarray(values).reshape(count, -1).T
     return {
-        **errors([Part(space, coefficients)], problem),
+        **errors({"tets": Part(space, values.reshape(count, -1).T)}, problem),
         "unknowns": space.size * count,
         "unknowns_shell": 0,
         "spans": 0,
         "tets": len(space.elements),
         "seconds": spent[0],
         "seconds_cpu": spent[1],
-        "solver": _plain(getattr(answer, "figures", None)),
+        "solver": asdict(figures),
         "unproved": mesh.unproved,
     }
