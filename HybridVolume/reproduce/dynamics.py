@@ -97,7 +97,7 @@ def _coupled(k: int, coupling: str = "collocation", **more: Any) -> dict[str, An
 _BOX_DROP = {"up": (0.3, 0.2, 1.0), "step": 1e-3, "steps": 12, "every": 6, "pictures": 3}
 ASKED = (
     Asked("drops", "fandisk", _coupled(1, p=2, drop={})),
-    *(Asked("flights", "torus", _coupled(2, own_spans=True, rule=rule, steps=60))
+    *(Asked("flights", "torus", _coupled(2, own_spans=True, rule=rule, steps=24))
       for rule in RULES),
     Asked("modes", "sphere", _coupled(2, own_spans=True, p=4, levels=3)),
     Asked("modes", "sphere", _coupled(2, "nitsche", own_spans=True, p=4, levels=3)),

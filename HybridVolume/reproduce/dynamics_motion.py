@@ -413,12 +413,13 @@ def at_rest(space: Space) -> dict[str, Any]:
     stretch = linear.energy(x / size)
     motions = rigid_motions(x)
     rigid = [abs(linear.energy(u / np.abs(u).max())) for u in motions]
-    found = {**_sizes(space), "linear": max(rigid) / stretch, "svk": None}
-    if isinstance(space, CollocationSpace):
-        body = Hyperelastic(space, material, 1e-9)
-        turns = [_turned(x, axis, 2.0) / size for axis in np.eye(3)]
-        found["svk"] = max(abs(body.energy(size * u)) for u in turns) / body.energy(0.5 * x)
-    return found
+    body = Hyperelastic(space, material, 1e-9)
+    turned = max(abs(body.energy(_turned(x, axis, 2.0))) for axis in np.eye(3))
+    return {
+        **_sizes(space),
+        "linear": max(rigid) / stretch,
+        "svk": turned / body.energy(0.5 * x),
+    }
 
 
 def _turned(x: np.ndarray, axis: Sequence[float], angle: float) -> np.ndarray:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, splu
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from ...errors import FaultError, InputError
 from ..recovery import Material
@@ -17,6 +17,7 @@ from .assembly import Space
 from .boundary import boundary_projection
 from .coupling import CollocationSpace, NitscheSpace
 from .hyperelastic import Hyperelastic
+from .linear import factored
 
 RESIDUAL = 1e-6
 """Relative residual from which on a mode is refused."""
@@ -95,12 +96,12 @@ def modal(
     stiff = body.tangent(np.zeros((space.size, d)))[unknowns][:, unknowns]
     inertia = sparse.kron(sparse.identity(d), body.mass[free][:, free], format="csr")
     shift = _SHIFT * _slowest(body) ** 2
-    factor = splu(
-        (stiff + shift * inertia).tocsc(),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
+    try:
+        factor = factored(stiff + shift * inertia)
+    except RuntimeError as fault:
+        raise FaultError(
+            "the stiffness is singular", remedy="check the hybrid volume's elements"
+        ) from fault
     inverse = LinearOperator(stiff.shape, matvec=factor.solve, dtype=float)
     # a fixed start, so that the same body has the same modes each time
     start = np.random.default_rng(1).standard_normal(len(unknowns))

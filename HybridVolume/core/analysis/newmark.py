@@ -31,12 +31,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from ...errors import FaultError, InputError
 from .boundary import boundary_projection
 from .contact import BoundContact, PlaneContact
 from .hyperelastic import Hyperelastic
+from .linear import factored
 from .newton import Increments, Stalled, balanced, minimum
 from .svk import Viscous
 
@@ -197,7 +197,7 @@ class Newmark:
             return motion
         free = self._free
         acceleration = np.zeros(shape)
-        inertia = splu(self.body.mass[free][:, free].tocsc())
+        inertia = factored(self.body.mass[free][:, free])
         acceleration[free] = inertia.solve(-self._forces(given[0])[free])
         return replace(motion, acceleration=acceleration)
 

@@ -9,7 +9,8 @@ from typing import Protocol
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import splu
+
+from .linear import factored
 
 _STEPS = 60
 """Of Newton's method."""
@@ -106,7 +107,7 @@ class Increments:
         wanted = right.T.ravel()[self.free]
         if len(self.free) <= _DIRECT[self.dimension]:
             try:
-                found = splu(inside.tocsc()).solve(wanted)
+                found = factored(inside).solve(wanted)
             except RuntimeError:  # singular
                 found = wanted
             positive = bool(np.isfinite(found).all() and found @ wanted > 0.0)
@@ -117,12 +118,7 @@ class Increments:
 
     def _precondition(self, residual: np.ndarray) -> np.ndarray:
         if self._factor is None:
-            self._factor = splu(
-                self._near,
-                permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=0.0,
-                options={"SymmetricMode": True},
-            )
+            self._factor = factored(self._near)
         parts = residual.reshape(self.dimension, -1).T
         return np.ascontiguousarray(self._factor.solve(np.ascontiguousarray(parts)).T).ravel()
 
