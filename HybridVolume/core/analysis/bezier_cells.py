@@ -64,11 +64,6 @@ class BezierBatch:
     def __len__(self) -> int:
         return len(self.element)
 
-    @property
-    def rational(self) -> bool:
-        """Whether any weights differ."""
-        return bool(np.ptp(self.weights))
-
     def coefficients(self, values: np.ndarray) -> np.ndarray:
         """Bézier coefficients of the spline with coefficients (size, k), (ne, ..., k)."""
         found = _along(self.extraction, values[self.unknowns] * self.heavy[..., None])
