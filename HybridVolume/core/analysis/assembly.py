@@ -82,10 +82,11 @@ def elastic(
         ]
 
     blocks = dict(zip(pairs, _all_summed(space, points, block, len(pairs)), strict=True))
-    return sparse.bmat(
-        [[blocks[c, d] if c <= d else blocks[d, c].T for d in range(dim)] for c in range(dim)],
-        format="csr",
-    )
+    rows = [
+        [blocks[c, d] if c <= d else blocks[d, c].T.tocsr() for d in range(dim)] for c in range(dim)
+    ]
+    # row by row, which needs no sorting
+    return sparse.vstack([sparse.hstack(row, format="csr") for row in rows], format="csr")
 
 
 def load(space: Space, source: Callable, points: int | None = None) -> np.ndarray:
