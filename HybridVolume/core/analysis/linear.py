@@ -4,8 +4,8 @@
 
 Small systems are factored, columns ordered by minimum degree on A + A' with pivots on the diagonal:
 on large bodies a small part of the time and the memory that SuperLU needs where it is not told that
-the matrix is symmetric. Larger ones are solved by conjugate gradients, preconditioned by smoothed aggregation (pyamg) that
-knows the rigid motions. Where pyamg is not installed all are factored.
+the matrix is symmetric. Larger ones are solved by conjugate gradients, preconditioned by smoothed
+aggregation (pyamg) that knows the rigid motions. Where pyamg is not installed all are factored.
 """
 
 from __future__ import annotations
