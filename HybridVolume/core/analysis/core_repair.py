@@ -9,8 +9,11 @@ for any tet are split, and the core is filled anew.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from ...errors import MesherError
 from ..interior import Interface, fill_interior
 from ..tetmesh import TetMesh
 from ..tetmesh.mesh import row_keys
@@ -27,6 +30,10 @@ _SPLITS = 12
 """How often triangles on the interface are split that do not follow it."""
 _SEPARATIONS = 3
 """How often vertices are put in around folded tets; the last time nodes move as much as can be."""
+_PARTED = 4
+"""How often triangles that cut each other are split before columns are shortened."""
+_STEP, _SHORTEST = 0.1, 0.3
+"""Share of a column that it loses at a time, and what must be left."""
 _FEW = 40
 """Folded tets up to which it is worth while to move nodes as much as can be."""
 _SMOOTH = np.cos(np.radians(30.0))
@@ -78,12 +85,12 @@ def repaired_core(
             finer = _split(spline, sides, under, 0.0)
         if len(finer.triangles) == len(sides.triangles):
             break
-        mesh, sides = _followed(spline, _filled(spline, finer), finer)
+        mesh, sides = _followed(spline, *filled_core(spline, finer))
         space, notes = _valid_tets(spline, mesh, sides, degree)
     more = len(sides.triangles) - first
     if more:
         notes.insert(0, f"{more // 2} edges on the interface were split, and the core filled anew")
-    return space, notes
+    return space, notes + overlap_note(sides)
 
 
 def folded(space: TetSpace) -> np.ndarray:
@@ -166,7 +173,7 @@ def _followed(spline: SplineSpace, mesh: TetMesh, sides: Sides) -> tuple[TetMesh
         if not twisted.any():
             break
         sides = _split(spline, sides, twisted, 0.0)
-    return (mesh, sides) if len(sides.triangles) == count else (_filled(spline, sides), sides)
+    return (mesh, sides) if len(sides.triangles) == count else filled_core(spline, sides)
 
 
 def _twisted(spline: SplineSpace, sides: Sides) -> np.ndarray:
@@ -266,21 +273,55 @@ def _cut(sides: Sides, keys: np.ndarray, chosen: np.ndarray, count: int) -> Side
     return Sides(triangles, patch, uv, w)
 
 
-def _filled(spline: SplineSpace, sides: Sides) -> TetMesh:
+def filled_core(spline: SplineSpace, sides: Sides) -> tuple[TetMesh, Sides]:
     """Straight tets inside triangles on the interface, whose vertices come first.
+
+    Triangles that cut each other are split, and where that does not part them the core reaches
+    into the shell by a little: both are there twice then, and :func:`overlap_note` tells so.
 
     Raises
     ------
     MesherError
-        The triangles cut each other, or no mesher fills them.
+        The triangles cut each other nevertheless, or no mesher fills them.
     """
+    for step in range(_SPLITS):
+        interface = _interface(spline, sides)
+        try:
+            return fill_interior(interface, surface=spline.shell.surface).mesh, sides
+        except MesherError as error:
+            crossing = getattr(error, "triangles", np.zeros(0, dtype=int))
+            if step == _SPLITS - 1 or not len(crossing):
+                raise
+        hit = np.zeros(len(sides.triangles), dtype=bool)
+        hit[crossing] = True
+        if step < _PARTED:
+            sides = _split(spline, sides, hit, 0.0)
+        else:
+            there = np.zeros(len(interface.vertices))
+            there[sides.triangles[hit]] = _STEP
+            sides = replace(sides, w=np.maximum(sides.w - there[sides.triangles], _SHORTEST))
+    raise AssertionError("the last step raises")
+
+
+def overlap_note(sides: Sides) -> list[str]:
+    """What to say of columns that the core reaches into."""
+    short = np.unique(sides.triangles[sides.w < 1.0])
+    if not len(short):
+        return []
+    return [
+        f"the core reaches into the shell at {len(short)} points of the interface, up to"
+        f" {100.0 * (1.0 - sides.w.min()):.0f} % of its columns: both are counted there"
+    ]
+
+
+def _interface(spline: SplineSpace, sides: Sides) -> Interface:
+    """What meshers need to know of an interface."""
     _, first = np.unique(sides.triangles, return_index=True)
     row, corner = np.divmod(first, 3)
     place = sides.patch[row], sides.uv[row, corner], sides.w[row, corner]
-    vertices = spline.basis_at(*place) @ spline.control_points
     none = np.zeros(0, dtype=np.int64)
-    interface = Interface(
-        vertices=vertices,
+    return Interface(
+        vertices=spline.basis_at(*place) @ spline.control_points,
         vertex_patch=place[0],
         vertex_uv=place[1],
         triangles=sides.triangles,
@@ -294,4 +335,3 @@ def _filled(spline: SplineSpace, sides: Sides) -> TetMesh:
         nodes="knots",
         subdivide=1,
     )
-    return fill_interior(interface, surface=spline.shell.surface).mesh

@@ -10,6 +10,7 @@ of their own; then the interface gets finer there. In the end every element is p
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,11 +18,11 @@ from ...errors import InputError, MesherError
 from ..density import Density
 from ..diagonals import refine_at
 from ..hybrid import HybridVolume
-from ..interior import Interface, Interior, build_interface, fill_interior
+from ..interior import Interface, Interior, build_interface
 from ..shell import Shell
 from ..sizes import wanted_lines
 from ..strips import GridLines
-from .core_repair import folded, repaired_core
+from .core_repair import filled_core, folded, repaired_core
 from .coupling import CollocationSpace, NitscheSpace
 from .elevation import elevated_shell
 from .simplex_space import DEGREES
@@ -123,10 +124,15 @@ def refined(space: CollocationSpace | NitscheSpace) -> CollocationSpace | Nitsch
     """
     spline = space.spline.refined()
     tets, moved = cut_simplices(space.tets, spline)
-    check_valid(tets, spline)
     notes = space.notes
     if moved:
         notes = (*notes, f"{moved} nodes of the finer core were moved, since tets were folded")
+    if space.dimension == 3 and folded(tets).any():
+        numbers = np.unique(tets.faces[:, :3], return_inverse=True)[1].reshape(-1, 3)
+        sides = Sides(numbers, tets.face_patch, tets.face_uv, tets.face_w)
+        tets, found = repaired_core(spline, *filled_core(spline, sides), tets.degree)
+        notes = (*space.notes, "the finer core was filled anew, since tets were folded", *found)
+    check_valid(tets, spline)
     return type(space)(spline, tets, notes)
 
 
@@ -134,38 +140,34 @@ def _core(
     shell: Shell, interface: Interface, interior: Interior, degree: int, spline: SplineSpace
 ) -> tuple[TetSpace, list[str]]:
     """Valid tets, over a finer interface if need be, and what was done."""
-    if (interface.vertex_w < 1.0).any():
-        # a core that reaches into the shell would be there twice
-        wanted = wanted_lines(shell.surface, Density())
-        notes = ["the core was filled anew up to the inner surface"]
-    else:
-        wanted = wanted_lines(shell.surface, Density(interface.nodes, interface.subdivide))
-        found, notes = repaired_core(spline, interior.mesh, Sides.of(interface), degree)
-        if not folded(found).any():
-            return found, notes
-        notes = ["the core was filled anew under a finer interface"]
-    return _filled_anew(shell, wanted, degree, spline, notes)
+    sides = Sides.of(interface)
+    if (sides.w < 1.0).any():
+        # what the core takes of the shell would be there twice: up to the inner surface if it can
+        try:
+            mesh, full = filled_core(spline, replace(sides, w=np.ones_like(sides.w)))
+            found, notes = repaired_core(spline, mesh, full, degree)
+            if not folded(found).any():
+                return found, ["the core was filled anew up to the inner surface", *notes]
+        except MesherError as error:
+            logger.info("no core up to the inner surface: %s", error.line)
+    found, notes = repaired_core(spline, interior.mesh, sides, degree)
+    if not folded(found).any():
+        return found, notes
+    wanted = wanted_lines(shell.surface, Density(interface.nodes, interface.subdivide))
+    return _filled_anew(shell, wanted, degree, spline)
 
 
 def _filled_anew(
-    shell: Shell, wanted: GridLines, degree: int, spline: SplineSpace, notes: list[str]
+    shell: Shell, wanted: GridLines, degree: int, spline: SplineSpace
 ) -> tuple[TetSpace, list[str]]:
-    """Valid tets under an interface that is refined until there are such."""
+    """Valid tets under an interface that is refined everywhere until there are such."""
+    notes = ["the core was filled anew under a finer interface"]
     lines: GridLines | None = wanted
     while True:
-        try:
-            interface = build_interface(shell, lines=lines)
-            interior = fill_interior(interface, surface=shell.surface)
-        except MesherError as error:
-            logger.info("interface of %d cells: %s", lines.cells, error.line)
-            lines = refine_at(lines, wanted, error.triangles, _FINEST)
-            if lines is None:
-                raise
-            continue
-        found, more = repaired_core(spline, interior.mesh, Sides.of(interface), degree)
+        sides = Sides.of(build_interface(shell, lines=lines))
+        found, more = repaired_core(spline, *filled_core(spline, sides), degree)
         if not folded(found).any():
             return found, notes + more
-        # all of it: what is folded now was not mended by local means
         finer = refine_at(lines, wanted, np.zeros(0, dtype=int), _FINEST)
         if finer is None:
             check_valid(found, spline)
