@@ -155,6 +155,8 @@ def export_shell(volume_or_object: Any, path: str | os.PathLike, *, degree: int 
     InputError
         No format has this ending, the object has no result, or the core has no valid curved
         tetrahedra of this degree.
+    MesherError
+        The core could not be filled anew where those need it.
     OSError
         The place cannot be written.
     """

@@ -20,6 +20,7 @@ from HybridVolume.exports.core_mesh import write_core
 from HybridVolume.exports.gismo_xml import write_gismo
 from HybridVolume.exports.mfem_mesh import write_mfem
 from HybridVolume.exports.solver_files import write_solver_files
+from HybridVolume.protocol import exported_files
 
 
 def whole_circle():
@@ -265,3 +266,21 @@ def test_what_cannot_be_written_is_refused(tmp_path):
     with pytest.raises(InputError, match="degree 4"):
         write_solver_files(tmp_path / "box.mesh", volume, 4)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_core_that_cannot_be_curved_is_straight_and_told(tmp_path, monkeypatch):
+    from HybridVolume.exports import solver_files
+
+    def folded(*_, **__):
+        raise InputError("7 tetrahedra are folded", remedy="refine the shell")
+
+    monkeypatch.setattr(solver_files, "hybrid_space", folded)
+    volume = shells.make_volume("sphere")
+    with pytest.raises(InputError, match="7 tetrahedra"):
+        write_solver_files(tmp_path / "ball.mesh", volume)
+    assert not list(tmp_path.iterdir())
+    files, figures = solver_files.write_core_files(tmp_path, "ball", volume, straight=True)
+    assert [file.name for file in files] == exported_files("ball", "core")
+    assert figures["degree"] == 1 and figures["tets"] == len(volume.interior.mesh.tets)
+    assert "straight: 7 tetrahedra are folded" in figures["notes"][0]
+    assert files[0].read_text().count(" 4 2 2 2 ") == figures["tets"]

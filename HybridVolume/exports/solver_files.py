@@ -8,13 +8,15 @@ No such program has a format for both, so that there are four files: NAME.mesh (
 
 from __future__ import annotations
 
+import logging
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from HybridVolume.core.analysis.hybrid_space import hybrid_space
+from HybridVolume.core.analysis.tet_space import tet_space
 from HybridVolume.core.solver_patches import solver_patches
-from HybridVolume.errors import InputError
+from HybridVolume.errors import HybridVolumeError, InputError
 from HybridVolume.protocol import exported_files
 
 from .core_mesh import write_core, write_interface, write_interface_triangles
@@ -23,6 +25,8 @@ from .mfem_mesh import write_mfem
 
 if TYPE_CHECKING:
     from HybridVolume.core.hybrid import HybridVolume
+
+logger = logging.getLogger(__name__)
 
 SHELL_FORMATS = {".mesh": write_mfem, ".xml": write_gismo}
 """Writer of the shell by the ending."""
@@ -55,22 +59,55 @@ def write_shell(path: str | os.PathLike, volume: HybridVolume) -> None:
 
 
 def write_core_files(
-    folder: str | os.PathLike, stem: str, volume: HybridVolume, degree: int = 2
-) -> list[Path]:
+    folder: str | os.PathLike,
+    stem: str,
+    volume: HybridVolume,
+    degree: int = 2,
+    *,
+    straight: bool = False,
+) -> tuple[list[Path], dict[str, Any]]:
     """Write core and interface alone; see :func:`write_solver_files`.
+
+    Parameters
+    ----------
+    folder : path
+    stem : str
+    volume : HybridVolume
+    degree : {1, 2, 3}
+    straight : bool
+        Write straight tetrahedra where no valid curved ones are found, instead of raising.
 
     Returns
     -------
-    list of Path
+    files : list of Path
         The three files of :func:`HybridVolume.protocol.exported_files`.
+    figures : dict
+        ``degree``, ``tets`` and ``nodes`` of the core in the file, ``notes`` on what was done.
     """
     shell = solver_patches(volume.shell)
-    core = hybrid_space(volume.shell, volume.interface, volume.interior, degree=degree).tets
+    parts = volume.shell, volume.interface, volume.interior
+    try:
+        space = hybrid_space(*parts, degree=degree)
+        core, notes = space.tets, list(space.notes)
+    except HybridVolumeError as error:
+        if not straight:
+            raise
+        core = tet_space(*parts, degree=1)
+        notes = [f"the core's tetrahedra are straight: {error.line}"]
+        reach = int((volume.interface.vertex_w < 1.0).sum())
+        if reach:
+            notes.append(f"{reach} nodes of the interface stand inside of the shell (t3 < 1)")
+        logger.warning("%s", "; ".join(notes))
     files = [Path(folder) / name for name in exported_files(stem, "core")]
     write_core(files[0], core)
     write_interface(files[1], core, shell)
     write_interface_triangles(files[2], core, shell)
-    return files
+    return files, {
+        "degree": core.degree,
+        "tets": len(core.elements),
+        "nodes": len(core.nodes),
+        "notes": notes,
+    }
 
 
 def write_solver_files(
@@ -94,12 +131,14 @@ def write_solver_files(
     Raises
     ------
     InputError
-        No format has the ending, or the degree is another.
+        No format has the ending, the degree is another, or no valid curved tetrahedra are found.
+    MesherError
+        The core could not be filled anew where those need it.
     OSError
         The place cannot be written.
     """
     path = Path(path)
     check_shell_format(path, degree)
-    beside = write_core_files(path.parent, path.stem, volume, degree)
+    beside, _ = write_core_files(path.parent, path.stem, volume, degree)
     write_shell(path, volume)
     return [path, *beside]
