@@ -94,7 +94,8 @@ def _coupled(k: int, coupling: str = "collocation", **more: Any) -> dict[str, An
     return {"k": k, "coupling": coupling, **more}
 
 
-_BOX_DROP = {"up": (0.3, 0.2, 1.0), "step": 1e-3, "steps": 12, "every": 6, "pictures": 3}
+_BOX_DROP = {"up": (0.3, 0.2, 1.0), "young": 0.004, "contact": 10.0, "step": 1e-3, "steps": 12,
+             "every": 6, "pictures": 3}  # fmt: skip
 ASKED = (
     Asked("drops", "fandisk", _coupled(1, p=2, drop={})),
     *(Asked("flights", "torus", _coupled(2, own_spans=True, rule=rule, steps=24))

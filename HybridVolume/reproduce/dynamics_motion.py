@@ -62,15 +62,15 @@ class Drop:
         Moments that are drawn.
     """
 
-    young: float = 0.004
+    young: float = 0.006
     poisson: float = 0.3
     density: float = 1e-9
     gravity: float = 9810.0
     speed: float = 110.0
     up: tuple[float, float, float] = (0.10, -0.15, -0.98)
-    contact: float = 10.0
+    contact: float = 2.0
     step: float = 5e-4
-    steps: int = 64
+    steps: int = 50
     every: int = 2
     pictures: int = 8
 
