@@ -41,7 +41,7 @@ TURNS = (8.0,)
 """Degrees by which meshes are turned against the direction of the fall."""
 FINER = {"unknowns": 480}
 """Twice the unknowns,"""
-HIGHER = {"young": 0.09, "height": 150.0, "step": 6e-4, "duration": 0.12}
+HIGHER = {"young": 0.09, "height": 150.0, "step": 6e-4, "duration": 0.12, "viscosity": 8.66e-4}
 """and the same impact with a third of the weight: three times as high and as stiff."""
 THICKER = {"one-layer": 0.2, "two-layers": 0.4, "three-layers": 0.6}
 """Depths of the layers, one and a third times those of the scan,"""
