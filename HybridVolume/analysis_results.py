@@ -40,7 +40,7 @@ OUTSIDE = 1e-3
 """A point this far outside of a body, as a share of its size, is taken as one on its surface."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Result:
     """What all results have.
 
@@ -230,7 +230,7 @@ class Result:
         SolutionFile(self.shown).write(path, self.fields())
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ScalarResult(Result):
     """A temperature or another potential.
 
@@ -300,7 +300,7 @@ class ScalarResult(Result):
         return add_result(doc, self, label, **options)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DisplacementResult(Result):
     """Displacement, strain and stress.
 
@@ -419,7 +419,7 @@ class DisplacementResult(Result):
         return add_result(doc, self, label, **options)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ModalResult(Result):
     """Natural vibrations.
 

@@ -112,6 +112,9 @@ def test_what_has_no_mesh_or_no_document_is_said(played):
         space["warm"].to_document(None)
     with pytest.raises(InputError, match="Block has no hybrid volumes"):
         HybridVolume.analysis.poisson(space["body"], fixed=1.0)
+    obj = HybridVolume.to_document(space["volume"], space["doc"], space["body"])
+    again = HybridVolume.analysis.poisson(obj, fixed={space["foot"]: 5.0}, coupling="nitsche")
+    assert again.at(space["lid"]) == pytest.approx(5.0, rel=1e-9)
     other = played["elasticity"][0]["volume"]
     with pytest.raises(InputError, match="points are outside of the body"):
         warm.to_document(space["doc"], mesh=other.fem)
