@@ -10,6 +10,7 @@ from HybridVolume.core.analysis.elasticity import solve_elasticity
 from HybridVolume.core.analysis.hybrid_space import refined
 from HybridVolume.core.analysis.plane import plane_space, triangles_only
 from HybridVolume.core.analysis.plane_curve import closed_spline, ellipse, joined
+from HybridVolume.core.analysis.plane_mesh import crossing_edges
 from HybridVolume.core.analysis.poisson import solve_poisson
 from HybridVolume.core.analysis.simplex_space import cut_rule
 from HybridVolume.core.bspline import clamped_knots
@@ -20,10 +21,13 @@ SLOPE = np.array([0.9, -0.4])
 STEEL = Material(210_000.0, 0.3)
 
 
-def square(size=1.0, at=(0.0, 0.0)):
-    corners = size * np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) + at
+def polygon(corners):
     ends = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
     return joined([(side, np.ones(2), clamped_knots(1, 1)) for side in ends])
+
+
+def square(size=1.0, at=(0.0, 0.0)):
+    return polygon(size * np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) + at)
 
 
 def clover(size=1.0, at=(0.0, 0.0)):
@@ -45,12 +49,27 @@ def heart(size=1.0, at=(0.0, 0.0)):
     )
 
 
+def hook(size=1.0, at=(0.0, 0.0)):
+    """A strip bent to a C: it has no middle to scale it to."""
+    turn = np.linspace(0.0, 1.6 * np.pi, 9)
+    arc = np.column_stack([np.cos(turn), np.sin(turn)])
+    return closed_spline(size * np.concatenate([2.0 * arc, arc[::-1]]) + at, 3)
+
+
+def angle(size=1.0, at=(0.0, 0.0)):
+    """An L with sharp corners."""
+    corners = np.array([[0, 0], [2, 0], [2, 0.7], [0.7, 0.7], [0.7, 2], [0, 2]])
+    return polygon(size * corners + at).elevated(2).refined(2)
+
+
 CURVES = {
     "disk": (lambda size, at: ellipse((size, size), at), np.pi),
     "ellipse": (lambda size, at: ellipse((3.0 * size, size), at), 3.0 * np.pi),
     "square": (lambda size, at: square(size, at).elevated(2), 1.0),
     "clover": (clover, None),
     "heart": (heart, None),
+    "hook": (hook, None),
+    "angle": (angle, 2.31),
 }
 PLACES = [(1.0, (0.0, 0.0)), (1e-3, (7.0, -2.0)), (1e3, (-5e3, 2e4))]
 
@@ -76,8 +95,11 @@ def test_finer_curves_and_curves_of_higher_degree_are_the_same(name):
         assert curve.area == pytest.approx(area, rel=1e-8)
 
 
-@pytest.mark.parametrize(("size", "at"), PLACES)
-@pytest.mark.parametrize("name", CURVES)
+@pytest.mark.parametrize(
+    ("name", "size", "at"),
+    [(name, *place) for name in ("disk", "heart") for place in PLACES]
+    + [(name, *PLACES[0]) for name in ("ellipse", "square", "clover", "angle")],
+)
 def test_linear_fields_cross_the_interface(name, size, at):
     curve = CURVES[name][0](size, at).refined(4)
     both = refined(plane_space(curve, 0.3, 2, degree=2))
@@ -125,6 +147,7 @@ RATES = [
     ("clover", 3, 2, "collocation", 2.8, 1.85),
     ("disk", 2, 2, "nitsche", 2.8, 1.85),
     ("heart", 3, 3, "nitsche", 3.6, 2.7),
+    ("hook", 3, 2, "collocation", 2.8, 1.85),
 ]
 
 
@@ -184,6 +207,11 @@ def test_what_cannot_be_is_refused():
         )
     with pytest.raises(InputError, match="choose 1, 2 or 3"):
         plane_space(ellipse(), 0.3, degree=4)
+    bell = np.array(
+        [[-3, -1.0], [-1.8, -1.2], [-1, -0.35], [0, -0.3], [1, -0.35], [1.8, -1.2], [3, -1]]
+    )
+    with pytest.raises(InputError, match="Edge1: the ring's inner curve crosses itself"):
+        plane_space(closed_spline(np.concatenate([bell, -bell]), 3).refined(3), 0.45)
     with pytest.raises(InputError, match="Edge9: no such face"):
         list(plane_space(ellipse(), 0.3).spline.boundary_samples(["Edge9"]))
 
@@ -228,3 +256,33 @@ def test_cut_rules(dimension, volume):
     # exact for a function that is linear in each part: |3 x - 1| has a kink at a cut
     exact = 5.0 / 6.0 if dimension == 1 else 8.0 / 27.0
     assert np.abs(3.0 * at[:, 0] - 1.0) @ weight == pytest.approx(exact, rel=1e-14)
+
+
+@pytest.mark.parametrize(("depth", "size", "at"), [(0.15, *PLACES[1]), (0.4, *PLACES[2])])
+def test_rings_of_bodies_without_a_middle(depth, size, at):
+    # a strip of half width R: the inner curve is at the depth's share of R
+    curve = hook(size, at).refined(2)
+    ring = plane_space(curve, depth, 2).spline
+    assert ring.jacobian_bounds.min() > 0.0
+    far = np.linspace(0.15, 0.3, 20)
+    there = np.zeros(20, dtype=int)
+    outer = curve.evaluate(there, far)
+    points = ring.inner_curve.evaluate(np.zeros(4000, dtype=int), np.arange(4000) / 4000)
+    gap = np.linalg.norm(outer[:, None] - points, axis=2).min(axis=1)
+    whole = curve.evaluate(np.zeros(4000, dtype=int), np.arange(4000) / 4000)
+    angle_of = np.arctan2(*(outer - at).T[::-1])
+    radius = np.linalg.norm(whole - at, axis=1)
+    around = np.arctan2(*(whole - at).T[::-1])
+    width = [np.ptp(radius[np.abs(around - a) < 0.02]) for a in angle_of]
+    assert np.abs(gap / (0.5 * np.array(width)) - depth).max() < 0.08
+
+
+def test_crossing_edges():
+    square_ = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    assert len(crossing_edges(square_)) == 0
+    bow = square_[[0, 1, 3, 2]]
+    assert crossing_edges(bow).tolist() == [1, 3]
+    # edges on one line do not cross
+    assert (
+        len(crossing_edges(np.array([[0, 0], [1, 0], [2, 0], [3, 0], [3, 1], [0, 1.0]]) / 3.0)) == 0
+    )

@@ -19,7 +19,8 @@ from .. import bspline
 from ..elements import gauss_line
 from .coupling import CollocationSpace, NitscheSpace
 from .plane_curve import PlaneCurve
-from .plane_mesh import fill_polygon
+from .plane_mesh import crossing_edges, fill_polygon
+from .plane_offset import inner_points
 from .plane_ring import PlaneRing, TriangleRim
 from .simplex_space import DEGREES, SimplexSpace, found_rows, lattice, lattice_keys
 from .subdivision import interface_places
@@ -28,6 +29,8 @@ from .unfold import unfolded
 
 COUPLINGS = ("collocation", "nitsche")
 GREVILLE = "greville"
+_SAMPLES = 8
+"""Points on each span of an inner curve by which it is seen whether it crosses itself."""
 
 
 def ring(
@@ -52,12 +55,15 @@ def ring(
     degree_w : int, optional
         Through the ring; the boundary's degree by default.
     inner : (n, 2) array, optional
-        Control points of the inner curve, mm, one for each of the boundary's, in its place.
+        Control points of the inner curve, mm, one for each of the boundary's, in its place. By
+        default they are the boundary's, scaled towards the middle of its area; if that folds the
+        ring, those of :func:`.plane_offset.inner_points`.
 
     Raises
     ------
     InputError
-        The depth or the number of layers is none, or the ring is folded; its arcs are named.
+        The depth or the number of layers is none, the ring is folded, or its inner curve crosses
+        itself; arcs are named.
     """
     degree_w = boundary.degree if degree_w is None else degree_w
     if not 0.0 < depth < 1.0:
@@ -67,17 +73,17 @@ def ring(
             f"{layers} layers of degree {degree_w}", remedy="give at least one, of degree 1 or more"
         )
     outer = boundary.points[:, :2] / boundary.points[:, 2:]
-    if inner is None:
-        inner = outer + depth * (_middle(boundary) - outer)
-    elif np.shape(inner) != outer.shape:
-        raise InputError(f"{len(inner)} inner control points for {len(outer)} of the boundary")
-    knots_w = bspline.clamped_knots(degree_w, layers)
-    share = bspline.greville(degree_w, knots_w)[:, None, None]
-    net = np.concatenate(
-        [(1.0 - share) * outer + share * inner, np.ones((len(share), len(outer), 1))], 2
-    )
-    net[0] = boundary.points
-    made = PlaneRing(boundary, degree_w, knots_w, net)
+    if inner is not None:
+        if np.shape(inner) != outer.shape:
+            raise InputError(f"{len(inner)} inner control points for {len(outer)} of the boundary")
+        made = _between(boundary, outer, np.asarray(inner, dtype=float), layers, degree_w)
+    else:
+        scaled = outer + depth * (_middle(boundary) - outer)
+        made = _between(boundary, outer, scaled, layers, degree_w)
+        if not made.jacobian_bounds.min() > 0.0:
+            found = [_between(boundary, outer, points, layers, degree_w)
+                     for points in inner_points(boundary, depth)]  # fmt: skip
+            made = max(found, key=lambda one: (not len(_crossed(one.inner_curve)), _evenness(one)))
     folded = (made.jacobian_bounds <= 0.0).any(axis=1)
     if folded.any():
         patches = np.unique(boundary.spans.patch[folded])
@@ -85,9 +91,44 @@ def ring(
             f"{folded.sum()} spans of the ring are folded at depth {depth:g}",
             faces=[boundary.names[k] for k in patches],
             figure=float(folded.sum()),
+            remedy="cut the boundary finer, change the depth, or give the inner control points",
+        )
+    crossed = _crossed(made.inner_curve)
+    if len(crossed):
+        raise InputError(
+            "the ring's inner curve crosses itself",
+            faces=[boundary.names[k] for k in crossed],
+            figure=float(len(crossed)),
             remedy="make the ring thinner, or give the inner control points",
         )
     return made
+
+
+def _crossed(curve: PlaneCurve) -> np.ndarray:
+    """Arcs on which a curve crosses itself, as far as points on it show."""
+    spans = curve.spans
+    share = np.arange(_SAMPLES) / _SAMPLES
+    u = (spans.ends[:, :1] + np.diff(spans.ends, axis=1) * share).ravel()
+    crossed = crossing_edges(curve.evaluate(np.repeat(spans.patch, _SAMPLES), u))
+    return np.unique(spans.patch[crossed // _SAMPLES])
+
+
+def _between(
+    boundary: PlaneCurve, outer: np.ndarray, inner: np.ndarray, layers: int, degree_w: int
+) -> PlaneRing:
+    """The ring between a boundary and the control points of its inner curve; it may be folded."""
+    knots_w = bspline.clamped_knots(degree_w, layers)
+    share = bspline.greville(degree_w, knots_w)[:, None, None]
+    heavy = np.ones((len(share), len(outer), 1))
+    net = np.concatenate([(1.0 - share) * outer + share * inner, heavy], axis=2)
+    net[0] = boundary.points
+    return PlaneRing(boundary, degree_w, knots_w, net)
+
+
+def _evenness(ring: PlaneRing) -> float:
+    """Smallest bound of det J over the size of its element at the boundary; larger is better."""
+    bounds = ring.jacobian_bounds
+    return float(bounds.min() / np.abs(bounds).max())
 
 
 def plane_space(

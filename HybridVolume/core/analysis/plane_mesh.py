@@ -90,6 +90,31 @@ def polygon_area(polygon: np.ndarray) -> float:
     return float(0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1)))
 
 
+def crossing_edges(polygon: np.ndarray) -> np.ndarray:
+    """Edges of a closed polygon that cross others, (k,)."""
+    n = len(polygon)
+    start, end = polygon, np.roll(polygon, -1, axis=0)
+    along = end - start
+    # on one line, but for roundings
+    nothing = 1e-13 * float(np.ptp(polygon, axis=0).max()) ** 2
+
+    def side(edge: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """1, 0 or -1: left of the lines of edges, on them, right of them."""
+        way = points - start[edge]
+        turned = along[edge, 0] * way[..., 1] - along[edge, 1] * way[..., 0]
+        return np.where(np.abs(turned) <= nothing, 0.0, np.sign(turned))
+
+    found = np.zeros(n, dtype=bool)
+    for rows in np.array_split(np.arange(n), 1 + n * n // _PAIRS):
+        one = rows[:, None]
+        apart = side(one, start[None]) * side(one, end[None]) < 0.0
+        place, other = np.nonzero(apart)
+        one = rows[place]
+        both = side(other, start[one]) * side(other, end[one]) < 0.0
+        found[one[both]] = True
+    return np.flatnonzero(found)
+
+
 def triangle_areas(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Areas with sign, (t,), mm²."""
     a, b, c = points[triangles].swapaxes(0, 1)
