@@ -133,10 +133,18 @@ def heart() -> PlaneCurve:
     )
 
 
+def hook() -> PlaneCurve:
+    """A strip bent to a C, a smooth closed cubic spline; it has no middle to scale it to."""
+    turn = np.linspace(0.0, 1.6 * np.pi, 9)
+    arc = np.column_stack([np.cos(turn), np.sin(turn)])
+    return closed_spline(np.concatenate([2.0 * arc, arc[::-1]]), 3)
+
+
 BODIES: dict[str, tuple[Callable[[], PlaneCurve], str]] = {
     "disk": (ellipse, "unit disk, 4 rational quadratic arcs"),
     "ellipse": (lambda: ellipse((2.0, 1.0), (3.0, -1.0)), "ellipse 2 by 1, rational"),
     "clover": (clover, "smooth closed cubic spline, three leaves"),
+    "hook": (hook, "smooth closed cubic spline, a strip bent to a C"),
     "heart": (heart, "rational arcs of degrees 3 and 2, with a notch and a tip"),
 }
 """Bodies, and what they are."""
