@@ -130,6 +130,7 @@ def run(options: argparse.Namespace) -> int:
     HybridVolumeError
         A name is unknown, or there is no worker.
     """
+    from .fig2_drop import height
     from .fig2_pictures import draw
     from .fig2_table import as_markdown, demands
 
@@ -163,9 +164,10 @@ def run(options: argparse.Namespace) -> int:
             found["pictures"] = draw(folder, runner.python)
         except WorkerError as error:
             runner.screen.line(f"no pictures: {error.line}")
-        for state in (case[when] for case in found["cases"] if not case["error"]
-                      for when in ("impact", "rest")):  # fmt: skip
-            del state["outline"]
+    for case in found["cases"]:
+        if not case["error"]:
+            for state in (case["impact"], case["rest"]):
+                state["height"] = height(state.pop("outline"))
     found["seconds"] = time.perf_counter() - started
     write_json(folder / "fig2.json", found)
     text = as_markdown(found)

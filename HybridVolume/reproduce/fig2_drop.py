@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -376,15 +376,12 @@ def _row(rule: Newmark, motion: Motion) -> dict[str, float]:
 
 def _state(rule: Newmark, space: CollocationSpace, motion: Motion) -> dict[str, Any]:
     found = flipped(space, motion.displacement)
-    at = rule.body.reference + motion.displacement
     return {
         "time": motion.time,
         **asdict(found),
         "flipped": found.elements,
         "elastic": rule.energies(motion).elastic,
         "kinetic": rule.energies(motion).kinetic,
-        "width": float(np.ptp(at[:, 0])),
-        "height": float(np.ptp(at[:, 1])),
         "outline": outline(space, motion.displacement),
     }
 
@@ -414,6 +411,12 @@ def outline(space: CollocationSpace, displacement: np.ndarray) -> dict[str, Any]
         "lines": lines,
         "folded": folded,
     }
+
+
+def height(drawn: Mapping[str, Any]) -> float:
+    """Height of the body that an outline shows, mm."""
+    points = [drawn["vertices"], *drawn["lines"][:1]]
+    return float(np.ptp(np.concatenate(points)[:, 1]))
 
 
 def _at(ring: PlaneRing, u: np.ndarray, w: np.ndarray) -> np.ndarray:
