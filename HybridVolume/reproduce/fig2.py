@@ -130,7 +130,7 @@ def run(options: argparse.Namespace) -> int:
     HybridVolumeError
         A name is unknown, or there is no worker.
     """
-    from .fig2_drop import height
+    from .fig2_drop import COUPLING, DEGREE, height
     from .fig2_pictures import draw
     from .fig2_table import as_markdown, demands
 
@@ -166,6 +166,7 @@ def run(options: argparse.Namespace) -> int:
             runner.screen.line(f"no pictures: {error.line}")
     for case in found["cases"]:
         if not case["error"]:
+            case |= {"p": DEGREE if case["body"]["layers"] else 0, "k": 1, "coupling": COUPLING}
             for state in (case["impact"], case["rest"]):
                 state["height"] = height(state.pop("outline"))
     found["seconds"] = time.perf_counter() - started

@@ -33,6 +33,8 @@ logger = logging.getLogger(__name__)
 
 DEGREE = 3
 """Of the boundary and of the layers: C² elements, as in the paper's figure."""
+COUPLING = "collocation"
+"""Of the layers with the triangles: the paper's."""
 AGAINST = 0.03
 """Share by which numbers of unknowns may differ."""
 CLOSE = 0.01
@@ -168,7 +170,7 @@ def disk(body: Body, drop: Drop) -> CollocationSpace:
         curve = circle(drop.radius, spans, drop.turn)
         if not body.layers:
             return triangles_only(curve, share * edge)
-        return plane_space(curve, body.depth, body.layers, 1, size=share * edge)
+        return plane_space(curve, body.depth, body.layers, 1, COUPLING, size=share * edge)
 
     few, enough = DEGREE + 1, int(max(6.0 * drop.unknowns**0.5, drop.unknowns / 4))
     while enough - few > 1:
