@@ -51,7 +51,7 @@ def fill(path, words):
 
 
 def files(answer):
-    """A volume that was stored is written as three kinds; then what cannot be."""
+    """A volume that was stored is written as four kinds; then what cannot be."""
     from HybridVolume.objects.volume import make_volume
 
     doc, body = new_document()
@@ -61,7 +61,8 @@ def files(answer):
     volume.Source, volume.Result = body, os.environ["HYBRIDVOLUME_STORED"]
     doc.recompute()
     steps = doc.UndoNames
-    for words, name in (("Code_Aster", "one"), ("Gmsh", "two.msh"), ("CalculiX", "three")):
+    kinds = ("Code_Aster", "one"), ("Gmsh", "two.msh"), ("CalculiX", "three"), ("G+Smo", "shell")
+    for words, name in kinds:
         box, answer["kinds"], answer["proposed"] = fill(str(FOLDER / name), words)
         if name == "one":
             screenshot("dialog")

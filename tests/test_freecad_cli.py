@@ -156,13 +156,15 @@ def test_several_bodies_one_refused(place, python):
     bodies = [box(), Part.makeCylinder(0.5, 1, FreeCAD.Vector(6, 0, 0))]
     write_step(Part.makeCompound(bodies), place / "two.step")
     decisions = ("--keep-sheet", "Face5+Face4", "--remove-sheet", "Face1+Face3")
-    mesh = ("--order", "1", "--fem-layers", "3", "--layer-growth", "2", "--export", "msh,vtu,step")
-    answer = run(place, "two.step", "--layers", "1", *mesh, *decisions)
+    mesh = ("--order", "1", "--fem-layers", "3", "--layer-growth", "2")
+    files = ("--export", "msh,vtu,step", "--export", "mfem,gismo")
+    answer = run(place, "two.step", "--layers", "1", *mesh, *files, *decisions)
     assert answer.returncode == 2
     (line,) = answer.stderr.splitlines()
     assert line.startswith("error: two_2: Face") and "seam" in line
     names = [f"two_1.{export}" for export in ("inp", "msh", "png", "vtu")]
-    names += ["two_1_fem.vtu", "two_1_surface.step"]
+    names += ["two_1_fem.vtu", "two_1_surface.step", "two_1.mesh", "two_1.xml", "two_1_core.msh"]
+    names += ["two_1_interface.csv", "two_1_interface_triangles.csv"]
     assert tree(place / "two") == sorted([*names, "report.json", "two.FCStd"])
     found = json.loads((place / "two" / "report.json").read_text())
     (one,) = found["volumes"]
@@ -170,6 +172,12 @@ def test_several_bodies_one_refused(place, python):
     density = one["fem"]["density"]
     assert one["fem"]["layers"] == density["layers"] == 3 and density["growth"] == 2.0
     assert (place / "two" / "two_1.msh").read_bytes()[:15] == b"$MeshFormat\n4.1"
+    core = one["fem"]["solver_core"]
+    assert core["degree"] == 1 and core["tets"] >= one["interior"]["tets"]
+    shell = (place / "two" / "two_1.mesh").read_text()
+    assert shell.startswith("MFEM NURBS mesh v1.0") and "# 6 Face6\n# 7 Interface\n" in shell
+    rows = (place / "two" / "two_1_interface.csv").read_text().splitlines()
+    assert rows[0] == "node,patch,t1,t2,t3,x,y,z" and len(rows) > 8
     surface = Part.Shape()
     surface.read(str(place / "two" / "two_1_surface.step"))
     assert len(surface.Solids) == 1 and surface.Volume == pytest.approx(6.0, rel=1e-9)

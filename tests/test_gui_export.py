@@ -24,12 +24,15 @@ def test_a_mesh_goes_to_files(tmp_path):
     )
     found = play("gui_export.files", tmp_path, HYBRIDVOLUME_STORED=str(stored))
     assert "there is no completed volume" in found["no volume"]
-    assert len(found["kinds"]) == 5 and found["proposed"].startswith("Box")
+    assert len(found["kinds"]) == 7 and found["proposed"].startswith("Box")
     # the ending of the kind is added where the name has none
     made = {p.name for p in tmp_path.iterdir()} & {"one.med", "two.msh", "three.inp"}
     assert made == {"one.med", "two.msh", "three.inp"}
     assert (tmp_path / "two.msh").read_bytes().startswith(b"$MeshFormat")
     assert b"ELSET=SHELL" in (tmp_path / "three.inp").read_bytes()
+    assert "<MultiPatch" in (tmp_path / "shell.xml").read_text()
+    beside = {p.name for p in tmp_path.glob("shell_*")}
+    assert beside == {"shell_core.msh", "shell_interface.csv", "shell_interface_triangles.csv"}
     assert not found["told"]
     assert ".stl" in found["ending"] and not list(tmp_path.glob("four*"))
     assert found["steps"]
