@@ -2,6 +2,7 @@
 # SPDX-FileCopyrightText: The HybridVolume authors
 """Natural frequencies against those of a sphere (Lamb 1882) and of a bar."""
 
+from dataclasses import replace
 from functools import cache
 
 import bodies
@@ -90,6 +91,23 @@ def test_a_bar_that_does_not_contract():
     held = modal(both, steel, 7.85e-9, 8, fixed=[ends[False]])
     assert np.abs(held.frequencies / wave - 0.5).min() < 4e-3
     assert held.frequencies[0] > 0.05 * wave
+
+
+@pytest.mark.parametrize("scale, away", [(1e-3, 0.0), (1.0, 1e6)])
+def test_small_and_far_bodies_have_all_their_rigid_motions(scale, away):
+    def lowest(scale, away):
+        size = np.array([3.0, 2.0, 1.0])
+        faces = bodies.box(size, (1, 1, 1)).faces
+        faces = [replace(f, control_points=scale * f.control_points + away) for f in faces]
+        middle = 0.5 * scale * size + away
+        shell = shells.shell_towards(build_surface(faces), lambda x: 0.5 * (x + middle), layers=1)
+        interface = build_interface(shell)
+        both = hybrid_space(shell, interface, fill_interior(interface), coupling="nitsche")
+        return scale * modal(both, Material(210000.0, 0.3), 7.9e-9, 8).frequencies
+
+    found, usual = lowest(scale, away), lowest(1.0, 0.0)
+    assert np.abs(found[:6]).max() < 1e-3 * usual[6]
+    assert found[6:] == pytest.approx(usual[6:], rel=1e-6)
 
 
 def test_what_has_no_modes():

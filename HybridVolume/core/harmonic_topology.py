@@ -105,7 +105,7 @@ def steepest_ascent(
     n = len(w)
     a, b = np.vstack([mesh.edges, mesh.edges[:, ::-1]]).T
     length = np.linalg.norm(mesh.vertices[b] - mesh.vertices[a], axis=1)
-    slope = (w[b] - w[a]) / length
+    slope = (w[b] - w[a]) / np.maximum(length, np.finfo(float).tiny)
     rising = slope > 0.0
     a, b, slope = a[rising], b[rising], slope[rising]
     order = np.lexsort([slope, a])

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ from .boundary import boundary_projection
 from .coupling import CollocationSpace, NitscheSpace
 from .hyperelastic import Hyperelastic
 from .linear import factored
+from .rigid import rigid_motions
 
 RESIDUAL = 1e-6
 """Relative residual from which on a mode is refused."""
@@ -102,12 +103,22 @@ def modal(
         raise FaultError(
             "the stiffness is singular", remedy="check the hybrid volume's elements"
         ) from fault
-    inverse = LinearOperator(stiff.shape, matvec=factor.solve, dtype=float)
+    # Lanczos' method may miss some of six equal frequencies: rigid motions are known, and left out
+    rigid = np.zeros((len(unknowns), 0))
+    if not len(fixed):
+        rigid = _rigid(body, inertia, factor.solve)
+    weighted = (inertia @ rigid).T
+
+    def elastic(x: np.ndarray) -> np.ndarray:
+        return x - rigid @ (weighted @ x)
+
+    inverse = LinearOperator(stiff.shape, matvec=lambda x: elastic(factor.solve(x)), dtype=float)
     # a fixed start, so that the same body has the same modes each time
-    start = np.random.default_rng(1).standard_normal(len(unknowns))
+    start = elastic(np.random.default_rng(1).standard_normal(len(unknowns)))
+    rest = max(count - rigid.shape[1], 1)
     try:
         squares, found = eigsh(
-            stiff, count, inertia, sigma=-shift, OPinv=inverse, v0=start, tol=1e-11
+            stiff, rest, inertia, sigma=-shift, OPinv=inverse, v0=start, tol=1e-11
         )
     except ArpackNoConvergence as missing:
         raise FaultError(
@@ -115,13 +126,33 @@ def modal(
             figure=float(len(missing.eigenvalues)),
             remedy="ask for fewer modes",
         ) from missing
-    order = np.argsort(squares)
+    squares = np.concatenate([(rigid * (stiff @ rigid)).sum(axis=0), squares])
+    found = np.column_stack([rigid, found])
+    order = np.argsort(squares)[:count]
     squares, found = squares[order], found[:, order]
     _check(stiff, inertia, squares, found, shift)
     shapes = np.zeros((count, d, space.size))
     shapes[:, :, free] = found.T.reshape(count, d, -1)
     frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
     return Modes(space, frequencies, np.ascontiguousarray(np.swapaxes(shapes, 1, 2)))
+
+
+def _rigid(body: Hyperelastic, inertia: sparse.csr_matrix, solve: Callable) -> np.ndarray:
+    """Rigid motions of unit mass, orthogonal by mass, (n, d (d + 1) / 2).
+
+    Those of the matrix, which far off the origin differ by rounding: hence two steps of
+    inverse iteration with the shifted stiffness, which ``solve`` inverts.
+    """
+    motions = rigid_motions(body.reference)
+    turns = motions[body.dimension :]
+    # as long as translations are, whatever the body's size
+    turns /= np.linalg.norm(np.ptp(body.reference, axis=0))
+    columns = np.swapaxes(motions, 1, 2).reshape(len(motions), -1).T
+    for _ in range(2):
+        lower = np.linalg.cholesky(columns.T @ (inertia @ columns))
+        columns = solve(inertia @ np.linalg.solve(lower, columns.T).T)
+    lower = np.linalg.cholesky(columns.T @ (inertia @ columns))
+    return np.linalg.solve(lower, columns.T).T
 
 
 def _slowest(body: Hyperelastic) -> float:
