@@ -112,8 +112,10 @@ def test_linear_fields_cross_the_interface(name, size, at):
 
 @pytest.mark.parametrize("degree", [1, 2, 3])
 def test_linear_solutions_pass_a_flat_interface(degree):
-    both = plane_space(square().elevated(2).refined(3), 0.4, 2, degree, "nitsche")
+    # arcs of degree 1 are raised to the triangles' degree
+    both = plane_space(square().refined(3), 0.4, 2, degree, "nitsche")
     assert isinstance(both, NitscheSpace)
+    assert both.spline.degree == degree
     found = solve_poisson(both, lambda x: np.zeros(len(x)), lambda x: x @ SLOPE)
     off = found.errors(lambda x: x @ SLOPE, lambda x: np.broadcast_to(SLOPE, x.shape))
     assert max(off) < 1e-12
@@ -207,6 +209,8 @@ def test_what_cannot_be_is_refused():
         )
     with pytest.raises(InputError, match="choose 1, 2 or 3"):
         plane_space(ellipse(), 0.3, degree=4)
+    with pytest.raises(InputError, match="edges of nan mm; give a size > 0"):
+        triangles_only(ellipse(), np.nan)
     bell = np.array(
         [[-3, -1.0], [-1.8, -1.2], [-1, -0.35], [0, -0.3], [1, -0.35], [1.8, -1.2], [3, -1]]
     )

@@ -4,8 +4,8 @@
 
 The paper's section 4 in general: any closed NURBS boundary, any number of layers, any depth. The
 spaces are those of bodies in space (:mod:`.coupling`), so are the problems on them, and
-:func:`.hybrid_space.refined` makes them finer; figures are
-those of a slice of 1 mm, the strain of elastic bodies is plane.
+:func:`.hybrid_space.refined` makes them finer. Figures are those of a slice of 1 mm; the strain of
+elastic bodies is plane.
 """
 
 from __future__ import annotations
@@ -148,7 +148,8 @@ def plane_space(
     Parameters
     ----------
     boundary : PlaneCurve
-        Its spans are those of the ring; `PlaneCurve.refined` and `elevated` change them.
+        Its spans are those of the ring; `PlaneCurve.refined` and `elevated` change them. Arcs of a
+        lower degree than the triangles are raised to it: the ring would hold back the rates.
     depth, layers, degree_w, inner
         As for :func:`ring`.
     degree : {1, 2, 3}
@@ -172,6 +173,8 @@ def plane_space(
         raise InputError(
             f"nodes {nodes!r}", remedy=f"give the number of edges a span, or {GREVILLE!r}"
         )
+    if not boundary.smooth:
+        boundary = boundary.elevated(max(boundary.degree, degree))
     spline = ring(boundary, depth, layers, degree_w, inner)
     curve = spline.inner_curve
     places = (
@@ -199,8 +202,10 @@ def triangles_only(
     Raises
     ------
     InputError
-        The degree is another, or a triangle is folded.
+        The size is none, the degree is another, or a triangle is folded.
     """
+    if size is not None and not 0.0 < size < np.inf:
+        raise InputError(f"edges of {size:g} mm", remedy="give a size > 0")
     if size is None:
         places = [_cut(breaks, 1) for breaks in boundary.breaks]
     else:
