@@ -22,6 +22,7 @@ from HybridVolume.core.analysis.coupling import CollocationSpace, NitscheSpace
 from HybridVolume.core.analysis.simplex_space import lattice, shape_functions
 
 from .cases import drawn_elsewhere
+from .quads_pictures import shrunk
 
 if TYPE_CHECKING:
     from .rates3d_problems import Problem
@@ -134,6 +135,7 @@ def _small_tets() -> np.ndarray:
 def _convergence(found: Mapping[str, Any], folder: Path) -> list[list[str]]:
     """Errors over unknowns, a pair of axes for each body and problem."""
     from matplotlib.figure import Figure
+    from matplotlib.ticker import NullFormatter
 
     made = [case for case in found["cases"] if len(case["levels"]) > 1]
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
@@ -155,6 +157,8 @@ def _convergence(found: Mapping[str, Any], folder: Path) -> list[list[str]]:
                       marker="^", linestyle="--")  # fmt: skip
             here.set(xlabel="unknowns", title=f"{key[0]}, {key[1]}: {words}")
             here.grid(True, which="both", linewidth=0.3)
+            here.xaxis.set_minor_formatter(NullFormatter())
+            here.yaxis.set_minor_formatter(NullFormatter())
             if row == 0:
                 here.legend(fontsize=7)
         axes[0, 0].set_ylabel("error, share of the norm")
@@ -188,33 +192,35 @@ def _cuts(folder: Path, cases: Sequence[Mapping[str, Any]]) -> list[list[str]]:
         mesh = pyvista.UnstructuredGrid(kinds, points)
         mesh["error"] = np.log10(np.maximum(error, 1e-16))
         mesh.cell_data["core"] = np.repeat([0, 1], [len(hexahedra), len(tets)])
+        low = points.min(axis=0)
         span = np.ptp(points, axis=0)
-        normal = np.zeros(3)
-        normal[np.argsort(span, kind="stable")[1]] = 1.0
-        if np.ptp(span[np.argsort(span)[1:]]) < 1e-3 * span.max():
-            normal = np.array([0.0, -1.0, 0.0])
-        middle = points.min(axis=0) + 0.5 * span
-        cut = mesh.clip(normal=normal, origin=middle, invert=True)
+        # across the second longest side, seen from the front
+        normal = np.eye(3)[np.argsort(span, kind="stable")[1]]
+        middle = low + 0.5 * span
+        cut = mesh.slice(normal=normal, origin=middle)
+        core = mesh.threshold((0.5, 1.5), scalars="core").clean(tolerance=1e-9)
+        line = core.extract_surface(algorithm=None).slice(normal=normal, origin=middle)
         plot = pyvista.Plotter(off_screen=True, window_size=SIZE)
         plot.set_background("white")
-        top = np.log10(error.max())
-        plot.add_mesh(
-            cut, scalars="error", cmap="viridis", clim=(top - 3.0, top), lighting=False,
-            scalar_bar_args={"title": "log10 of the error", "color": "black", "n_labels": 4},
-        )  # fmt: skip
-        rim = mesh.threshold((0.5, 1.5), scalars="core").extract_surface(algorithm=None)
-        line = rim.slice(normal=normal, origin=middle)
+        top = np.log10(np.quantile(error, 0.999))
+        bar = {"title": "log10 of the error", "color": "black", "n_labels": 4, "vertical": True,
+               "position_x": 0.87, "position_y": 0.15, "height": 0.7, "width": 0.06}  # fmt: skip
+        plot.add_mesh(cut, scalars="error", cmap="viridis", clim=(top - 3.0, top), lighting=False,
+                      scalar_bar_args=bar)  # fmt: skip
         if line.n_points:
-            plot.add_mesh(line, color="black", line_width=2)
-        view = np.asarray(normal) * 2.0 + np.array([0.35, 0.0, 0.9]) * (1.0 - np.abs(normal))
-        up = (0.0, 0.0, 1.0) if abs(normal[2]) < 0.5 else (0.0, 1.0, 0.0)
-        eye = middle + view * span.max()
-        plot.camera_position = [eye.tolist(), middle.tolist(), up]
-        plot.reset_camera()
-        plot.camera.zoom(1.25)
+            plot.add_mesh(line, color="white", line_width=3)
+        up = np.eye(3)[2 if normal[2] == 0.0 else 1]
+        plot.camera_position = [(middle - 3.0 * span.max() * normal).tolist(), middle.tolist(),
+                                up.tolist()]  # fmt: skip
+        plot.enable_parallel_projection()
+        flat = span[normal == 0.0]
+        plot.camera.parallel_scale = 0.55 * max(flat[-1], flat[0] * SIZE[1] / (0.8 * SIZE[0]))
         name = f"rates3d_cut_{case['body']}_{case['problem']}.png"
-        plot.screenshot(folder / name)
+        large = folder / f"large_{name}"
+        plot.screenshot(large)
         plot.close()
+        shrunk(large, folder / name)
+        large.unlink()
         words = (f"Error on a cut: {case['body']}, {case['problem']}, p = {case['p']}, "
                  f"k = {case['k']}, level {outline:.0f}; the line is the interface")  # fmt: skip
         made.append([name, words])
