@@ -29,6 +29,8 @@ RIDGE = 0.2
 """Slope of a path that has come to a ridge, over the slope at the walls of a strip around it."""
 _STEP = 0.25
 """Steps along a path over the edges of the triangles."""
+_SAMPLES = 4096
+"""Points of each arc from which a polygon's corners are taken."""
 _LONGEST = 12.0
 """Length of a path at most, over the mean half width."""
 _ALIKE = 8
@@ -134,10 +136,6 @@ def _field(boundary: PlaneCurve) -> tuple[_Torsion, float]:
     right = load(space, lambda x: np.ones(len(x)))
     values = solve_fixed(stiffness(space), right, rim, np.zeros(len(rim)))
     return _Torsion(vertices, triangles, values), half_width
-
-
-_SAMPLES = 4096
-"""Points of each arc from which a polygon's corners are taken."""
 
 
 def _paths(
