@@ -177,7 +177,7 @@ def untangle_inside(elements: Elements, may_move: np.ndarray) -> int:
         around = [(kind, c[r]) for r, (kind, c) in zip(rows, elements.kinds, strict=True)]
         old = elements.nodes
         fresh = untangle(old, around, free, density)
-        cluster = _clusters([c for _, c in around], free)
+        cluster = cluster_numbers([c for _, c in around], free)
         elements.move(fresh)
         clusters = int(cluster.max()) + 1
         worst = [np.full(clusters, np.inf) for _ in range(2)]
@@ -193,7 +193,7 @@ def untangle_inside(elements: Elements, may_move: np.ndarray) -> int:
     return int(np.count_nonzero((elements.nodes != before).any(axis=1)))
 
 
-def _clusters(connectivity: list[np.ndarray], free: np.ndarray) -> np.ndarray:
+def cluster_numbers(connectivity: list[np.ndarray], free: np.ndarray) -> np.ndarray:
     """Cluster of every free node, -1 for others: nodes of one element are in one, (n,)."""
     pairs = []
     for c in connectivity:

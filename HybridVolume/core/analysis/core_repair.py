@@ -22,9 +22,9 @@ from .simplex_space import lattice, shape_functions
 from .spline_space import SplineSpace
 from .subdivision import raised_simplices
 from .tet_space import Sides, TetSpace, curved_tets
-from .unfold import unfolded
+from .unfold import unfolded, yielded
 
-_FILLS = 4
+_FILLS = 1
 """How often the core is filled under a finer interface."""
 _SPLITS = 12
 """How often triangles on the interface are split that do not follow it."""
@@ -91,6 +91,32 @@ def repaired_core(
     if more:
         notes.insert(0, f"{more // 2} edges on the interface were split, and the core filled anew")
     return space, notes + overlap_note(sides)
+
+
+def yielding_core(
+    spline: SplineSpace, mesh: TetMesh, sides: Sides, degree: int
+) -> tuple[TetSpace, int]:
+    """Valid tets on a mesh as it is: where they would be folded they are straight.
+
+    Parameters as for :func:`repaired_core`.
+
+    Returns
+    -------
+    space : TetSpace
+    count : int
+        Nodes on the interface that stand off the inner surface.
+    """
+    low = min(degree, 2)
+    space = curved_tets(spline, mesh, sides, low)
+    # nodes of elements are means of the straight mesh's vertices
+    counts = lattice(3, low) / low
+    safe = np.empty_like(space.nodes)
+    safe[space.elements] = counts @ mesh.vertices[mesh.tets]
+    space, count = yielded(space, safe)
+    if degree > low:
+        space, more = raised_simplices(space, spline, degree, light=True, yields=True)
+        count += more
+    return space, count
 
 
 def folded(space: TetSpace) -> np.ndarray:

@@ -28,6 +28,9 @@ from .samples import FaceSamples
 from .simplex_space import SimplexSpace
 from .spline_space import SplineSpace
 
+_OFF = 1e-9
+"""Distance of a node from the inner surface, over the core's size, that is more than rounding."""
+
 
 @dataclass(frozen=True)
 class CollocationSpace:
@@ -67,9 +70,22 @@ class CollocationSpace:
 
     @cached_property
     def trace(self) -> sparse.csr_matrix:
-        """Values R_j(t_i) of the shell's functions at the interface's nodes, (k, n_spline)."""
+        """Values R_j(t_i) of the shell's functions at the interface's nodes, (k, n_spline).
+
+        Where a node stands off the inner surface, since tets would be folded, the shell's value
+        there is taken by a step along its gradient, so that linear fields pass exactly.
+        """
         core = self.tets
-        return self.spline.basis_at(core.interface_patch, core.interface_uv, core.interface_w)
+        place = core.interface_patch, core.interface_uv, core.interface_w
+        beside = self.spline.basis_at(*place)
+        step = core.nodes[core.interface] - beside @ self.spline.control_points
+        far = np.linalg.norm(step, axis=1) > _OFF * np.ptp(core.nodes, axis=0).max()
+        if not far.any():
+            return beside
+        step[~far] = 0.0
+        for way, slope in zip(step.T, self.spline.gradients_at(*place), strict=True):
+            beside = beside + sparse.diags(way) @ slope
+        return beside.tocsr()
 
     @cached_property
     def constraint(self) -> sparse.csr_matrix:

@@ -15,14 +15,16 @@ from dataclasses import replace
 import numpy as np
 
 from ...errors import InputError, MesherError
-from ..density import Density
-from ..diagonals import refine_at
 from ..hybrid import HybridVolume
-from ..interior import Interface, Interior, build_interface
+from ..interior import Interface, Interior
 from ..shell import Shell
-from ..sizes import wanted_lines
-from ..strips import GridLines
-from .core_repair import filled_core, folded, repaired_core
+from .core_repair import (
+    filled_core,
+    folded,
+    overlap_note,
+    repaired_core,
+    yielding_core,
+)
 from .coupling import CollocationSpace, NitscheSpace
 from .elevation import elevated_shell
 from .simplex_space import DEGREES
@@ -127,11 +129,6 @@ def refined(space: CollocationSpace | NitscheSpace) -> CollocationSpace | Nitsch
     notes = space.notes
     if moved:
         notes = (*notes, f"{moved} nodes of the finer core were moved, since tets were folded")
-    if space.dimension == 3 and folded(tets).any():
-        numbers = np.unique(tets.faces[:, :3], return_inverse=True)[1].reshape(-1, 3)
-        sides = Sides(numbers, tets.face_patch, tets.face_uv, tets.face_w)
-        tets, found = repaired_core(spline, *filled_core(spline, sides), tets.degree)
-        notes = (*space.notes, "the finer core was filled anew, since tets were folded", *found)
     check_valid(tets, spline)
     return type(space)(spline, tets, notes)
 
@@ -150,25 +147,12 @@ def _core(
                 return found, ["the core was filled anew up to the inner surface", *notes]
         except MesherError as error:
             logger.info("no core up to the inner surface: %s", error.line)
-    found, notes = repaired_core(spline, interior.mesh, sides, degree)
-    if not folded(found).any():
-        return found, notes
-    wanted = wanted_lines(shell.surface, Density(interface.nodes, interface.subdivide))
-    return _filled_anew(shell, wanted, degree, spline)
-
-
-def _filled_anew(
-    shell: Shell, wanted: GridLines, degree: int, spline: SplineSpace
-) -> tuple[TetSpace, list[str]]:
-    """Valid tets under an interface that is refined everywhere until there are such."""
-    notes = ["the core was filled anew under a finer interface"]
-    lines: GridLines | None = wanted
-    while True:
-        sides = Sides.of(build_interface(shell, lines=lines))
-        found, more = repaired_core(spline, *filled_core(spline, sides), degree)
+    try:
+        found, notes = repaired_core(spline, interior.mesh, sides, degree)
         if not folded(found).any():
-            return found, notes + more
-        finer = refine_at(lines, wanted, np.zeros(0, dtype=int), _FINEST)
-        if finer is None:
-            check_valid(found, spline)
-        lines = finer
+            return found, notes
+    except MesherError as error:
+        logger.info("no core under a finer interface: %s", error.line)
+    found, count = yielding_core(spline, interior.mesh, sides, degree)
+    note = f"{count} nodes of the interface stand off the inner surface, where tets were folded"
+    return found, [note, *overlap_note(sides)]

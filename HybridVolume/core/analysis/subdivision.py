@@ -23,7 +23,7 @@ from .simplex_space import (
     shape_functions,
 )
 from .spline_space import SplineSpace
-from .unfold import unfolded
+from .unfold import unfolded, yielded
 
 
 def cut_simplices(space: SimplexSpace, spline: SplineSpace) -> tuple[SimplexSpace, int]:
@@ -61,6 +61,7 @@ def cut_simplices(space: SimplexSpace, spline: SplineSpace) -> tuple[SimplexSpac
     face_patch = np.repeat(space.face_patch, len(corners))
     on, patch, uv, w = interface_places(faces, face_patch, face_uv, face_w, degree)
     old = np.unique(space.interface)
+    safe = nodes.copy()
     nodes[on] = spline.basis_at(patch, uv, w) @ spline.control_points
     # nodes that stood on the interface before keep their bits
     corner = np.intersect1d(on, inverse[:, : dim + 1])
@@ -81,11 +82,14 @@ def cut_simplices(space: SimplexSpace, spline: SplineSpace) -> tuple[SimplexSpac
         face_uv=face_uv,
         face_w=face_w,
     )
-    return unfolded(fine)
+    found, moved = unfolded(fine)
+    if (found.jacobian_bounds > 0.0).all():
+        return found, moved
+    return yielded(fine, safe)
 
 
 def raised_simplices(
-    space: SimplexSpace, spline: SplineSpace, degree: int, light: bool = False
+    space: SimplexSpace, spline: SplineSpace, degree: int, light: bool = False, yields: bool = False
 ) -> tuple[SimplexSpace, int]:
     """The same elements with polynomials of a higher degree.
 
@@ -93,7 +97,8 @@ def raised_simplices(
     shell's boundary.
 
     Parameters and results as for :func:`cut_simplices`; ``light`` as for
-    :func:`.unfold.unfolded`.
+    :func:`.unfold.unfolded`. With ``yields`` nodes on the interface stay on the lower degree's faces
+    where elements would be folded otherwise.
     """
     dim = space.dimension
     keys = lattice_keys(space.elements[:, : dim + 1], degree)
@@ -109,9 +114,13 @@ def raised_simplices(
     on, patch, uv, w = interface_places(faces, *sides, degree)
     inside = ~np.isin(on, elements[:, : dim + 1])
     there = patch[inside], uv[inside], w[inside]
+    safe = nodes.copy()
     nodes[on[inside]] = spline.basis_at(*there) @ spline.control_points
     raised = type(space)(degree, nodes, elements, on, patch, uv, w, faces, *sides)
-    return unfolded(raised, light)
+    found, moved = unfolded(raised, light)
+    if yields and not (found.jacobian_bounds > 0.0).all():
+        return yielded(raised, safe)
+    return found, moved
 
 
 def interface_places(

@@ -13,12 +13,16 @@ from dataclasses import replace
 import numpy as np
 
 from ..curving import batch_towards, relaxed
+from ..repairs import cluster_numbers
 from .simplex_space import SimplexSpace, lattice, shape_functions
 
 _LIGHT = ((0, 1, 2), (0, 2, 3))
 _HEAVY = (*_LIGHT, (1, 2, 6), (2, 3, 6), (3, 4, 6))
 """Samples on an edge beyond those that det J has coefficients, rings of elements that move, and
 rounds of the barrier."""
+_YIELDS, _HALVES = 40, 3
+"""Steps towards safe places, and how many of them go half-way: others go all the way, so that what
+is safe spreads until nothing is folded."""
 _UNEVEN = 0.02
 """Smallest det J over its mean in an element below which it is worth an attempt to be better."""
 
@@ -55,14 +59,53 @@ def unfolded(space: SimplexSpace, light: bool = False) -> tuple[SimplexSpace, in
         free = near & ~fixed
         if not free.any():
             continue
-        rows = np.flatnonzero(free[elements].any(axis=1))
-        fresh = _moved(space.degree, nodes, elements[rows], free, more, rounds)
-        found = quality.copy()
-        found[rows] = evenness(space, fresh, rows)
-        if _score(found) > _score(quality):
-            nodes, quality = fresh, found
+        touched = np.flatnonzero(free[elements].any(axis=1))
+        cluster = cluster_numbers([elements[touched]], free)
+        owner = cluster[elements[touched]].max(axis=1)
+        # each cluster on its own: one that is hopeless must not hold up the others
+        for rows in np.split(
+            touched[np.argsort(owner, kind="stable")], np.cumsum(np.bincount(owner))[:-1]
+        ):
+            fresh = _moved(space.degree, nodes, elements[rows], free, more, rounds)
+            found = evenness(space, fresh, rows)
+            if _score(found) > _score(quality[rows]):
+                nodes = fresh
+                quality[rows] = found
     count = int(np.count_nonzero((nodes != space.nodes).any(axis=1)))
     return replace(space, nodes=nodes) if count else space, count
+
+
+def yielded(space: SimplexSpace, safe: np.ndarray) -> tuple[SimplexSpace, int]:
+    """The space with nodes of folded elements taken towards places where nothing is folded.
+
+    Nodes on the interface give way, too: they stand off the inner surface then, and what couples
+    both spaces reckons with it.
+
+    Parameters
+    ----------
+    space : SimplexSpace
+    safe : (n, d) array
+        Places of all nodes with which every element is valid, mm.
+
+    Returns
+    -------
+    space : SimplexSpace
+    count : int
+        Nodes on the interface that gave way.
+    """
+    share = np.ones(space.size)
+    nodes, rows = space.nodes, np.arange(len(space.elements))
+    for step in range(_YIELDS):
+        bad = space.bounds_of(rows, nodes)[0] <= 0.0
+        touched = np.unique(space.elements[rows[bad]])
+        touched = touched[share[touched] > 0.0]
+        if not len(touched):
+            break
+        share[touched] = 0.5 * share[touched] if step < _HALVES else 0.0
+        nodes = share[:, None] * space.nodes + (1.0 - share[:, None]) * safe
+        nodes[share == 0.0] = safe[share == 0.0]
+    count = int(np.count_nonzero(share[space.interface] < 1.0))
+    return replace(space, nodes=nodes), count
 
 
 def evenness(space: SimplexSpace, nodes: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
