@@ -146,12 +146,12 @@ ASKED = (
     _rates("hollow_sphere", "lame", 4, 3, NITSCHE, 2),
     _rates("twisted_fichera", "poisson", 3, 3, NITSCHE, 2),
     *(Asked("tets", body, problem, sizes=sizes) for body, problem, sizes in (
-        ("sphere", "poisson", (0.23, 0.14, 0.085, 0.058)),
-        ("torus", "poisson", (0.13, 0.08, 0.051, 0.034)),
-        ("twisted_fichera", "poisson", (0.2, 0.1, 0.06, 0.04)),
-        ("fandisk", "poisson", (0.1, 0.06, 0.04)),
-        ("hollow_sphere", "lame", (0.145, 0.1, 0.072, 0.05)),
-        ("torus", "elasticity", (0.113, 0.08, 0.051, 0.036)),
+        ("sphere", "poisson", (0.085, 0.05, 0.03, 0.02)),
+        ("torus", "poisson", (0.07, 0.042, 0.026, 0.016)),
+        ("twisted_fichera", "poisson", (0.1, 0.06, 0.04, 0.026)),
+        ("fandisk", "poisson", (0.1, 0.06, 0.04, 0.026)),
+        ("hollow_sphere", "lame", (0.072, 0.05, 0.035, 0.026)),
+        ("torus", "elasticity", (0.08, 0.051, 0.036, 0.025)),
     )),
     *(Asked("gaps", body, "linear", p, k, coupling, levels)
       for body, p, k, coupling, levels in (
