@@ -112,11 +112,13 @@ def yielding_core(
     counts = lattice(3, low) / low
     safe = np.empty_like(space.nodes)
     safe[space.elements] = counts @ mesh.vertices[mesh.tets]
-    space, count = yielded(space, safe)
+    space, _ = yielded(space, safe)
     if degree > low:
-        space, more = raised_simplices(space, spline, degree, light=True, yields=True)
-        count += more
-    return space, count
+        space, _ = raised_simplices(space, spline, degree, light=True, yields=True)
+    place = space.interface_patch, space.interface_uv, space.interface_w
+    there = spline.basis_at(*place) @ spline.control_points
+    off = np.linalg.norm(space.nodes[space.interface] - there, axis=1)
+    return space, int(np.count_nonzero(off > 1e-9 * np.ptp(there, axis=0).max()))
 
 
 def folded(space: TetSpace) -> np.ndarray:

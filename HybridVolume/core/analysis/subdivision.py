@@ -97,8 +97,8 @@ def raised_simplices(
     shell's boundary.
 
     Parameters and results as for :func:`cut_simplices`; ``light`` as for
-    :func:`.unfold.unfolded`. With ``yields`` nodes on the interface stay on the lower degree's faces
-    where elements would be folded otherwise.
+    :func:`.unfold.unfolded`. With ``yields`` nodes on the interface stay on faces of the lower
+    degree where elements would be folded otherwise.
     """
     dim = space.dimension
     keys = lattice_keys(space.elements[:, : dim + 1], degree)
