@@ -46,11 +46,11 @@ def demands(cases: Sequence[Case], shown: float) -> list[dict[str, Any]]:
             f"{drift:.1e}", drift <= DRIFT)  # fmt: skip
     if "triangles" in at:
         state = at["triangles"]["rest"]
-        row(WORDS["triangles"], f"flipped elements stay at rest at {1e3 * shown:g} kPa, as in the paper",
+        row(WORDS["triangles"], f"flipped elements stay ({1e3 * shown:g} kPa, at rest)",
             str(state["flipped"]), state["flipped"] > 0)  # fmt: skip
     if "three-layers" in at:
         state = at["three-layers"]["rest"]
-        row(WORDS["three-layers"], f"no flipped element at rest at {1e3 * shown:g} kPa, as in the paper",
+        row(WORDS["three-layers"], f"no flipped element stays ({1e3 * shown:g} kPa, at rest)",
             str(state["flipped"]), state["flipped"] == 0)  # fmt: skip
     limits = {body.name: safe_from(scan, body.name) for body in BODIES}
     if len({case["drop"]["young"] for case in scan}) > 1:
