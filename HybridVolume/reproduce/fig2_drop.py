@@ -131,7 +131,7 @@ FAR = 0.01
 """Share of the radius by which a step may move it then, where steps are longer than before."""
 CALM = 1e-3
 """Forces that are left at rest, as a share of the weight."""
-CALMING_STEPS = 500
+CALMING_STEPS = 1500
 
 
 def circle(radius: float, spans: int, turn: float = 0.0) -> PlaneCurve:
