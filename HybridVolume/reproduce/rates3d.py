@@ -131,7 +131,7 @@ def _rates(
 
 ASKED = (
     _rates("torus", "poisson", 2, 2, COLLOCATION, 4),
-    _rates("sphere", "poisson", 4, 2, COLLOCATION, 4, cuts=3, pictured=2),
+    _rates("sphere", "poisson", 4, 2, COLLOCATION, 3, cuts=3, pictured=2),
     _rates("twisted_fichera", "poisson", 3, 2, COLLOCATION, 4, pictured=2),
     _rates("torus", "poisson", 3, 3, NITSCHE, 4),
     _rates("torus", "poisson", 3, 3, NITSCHE, 2, start=1.6, finer=1, pictured=1),
@@ -318,7 +318,8 @@ def read_bodies(
     read : sequence of str
         Names of files with bodies, without their endings.
     data : sequence of str, optional
-        Files and folders besides the example; the folder beside the project by default.
+        Files and folders besides the example, and the folders in these; the folder beside the
+        project by default.
     wanted : set of str
 
     Raises
@@ -332,8 +333,11 @@ def read_bodies(
     import_freecad()
     from HybridVolume import sources
 
-    more = list(data or ([str(BESIDE)] if BESIDE.is_dir() else []))
-    for file in body_files([str(EXAMPLES), *more]):
+    places = [Path(name) for name in data] if data else [BESIDE] if BESIDE.is_dir() else []
+    # a folder may keep its files in folders by kind
+    places += [inner for place in places if place.is_dir() for inner in sorted(place.iterdir())
+               if inner.is_dir()]  # fmt: skip
+    for file in body_files([str(EXAMPLES), *map(str, places)]):
         if file.stem in wanted and file.stem in read and file.stem not in found:
             bodies = sources.read_file(file)
             if len(bodies) != 1:
