@@ -9,12 +9,15 @@ import numpy as np
 import pytest
 import shells
 
-from HybridVolume.core.analysis.coupling import CollocationSpace
+from HybridVolume.core.analysis.core_repair import yielding_core
+from HybridVolume.core.analysis.coupling import CollocationSpace, NitscheSpace
 from HybridVolume.core.analysis.hybrid_space import hybrid_space, refined
 from HybridVolume.core.analysis.interface_figures import gap_figures, patch_deviation
 from HybridVolume.core.analysis.poisson import solve_poisson
 from HybridVolume.core.analysis.refine import refine_shell
 from HybridVolume.core.analysis.simplex_space import SimplexSpace, lattice_keys
+from HybridVolume.core.analysis.spline_space import SplineSpace
+from HybridVolume.core.analysis.tet_space import Sides
 from HybridVolume.core.assembly import build_surface
 from HybridVolume.core.interior import build_interface, fill_interior
 from HybridVolume.core.recovery import Material
@@ -103,6 +106,23 @@ def test_rigid_motions_have_no_energy(name, degree, coupling):
     ):
         field = np.concatenate(motion)
         assert abs(field @ (matrix @ field)) < 1e-10 * scale
+
+
+@pytest.mark.parametrize("kind", [CollocationSpace, NitscheSpace])
+def test_straight_tets_where_nothing_else_helps(kind):
+    """Nodes that left the inner surface: every tet is valid, and rigid motions stay free."""
+    shell, interface, interior = filled("torus 1")
+    spline = SplineSpace(shell)
+    core, count = yielding_core(spline, interior.mesh, Sides.of(interface), 2)
+    assert count > 0
+    assert core.jacobian_bounds.min() > 0.0
+    both = kind(spline, core)
+    matrix = both.elasticity(Material(1000.0, 0.3), Material(1000.0, 0.3))
+    free = both.free_nodes if kind is CollocationSpace else np.arange(core.size)
+    x, y, _ = np.concatenate([spline.control_points, core.nodes[free]]).T
+    turn = np.concatenate([-y, x, np.zeros(both.size)])
+    stretch = np.concatenate([x, y, np.zeros(both.size)])
+    assert abs(turn @ (matrix @ turn)) < 1e-10 * (stretch @ (matrix @ stretch))
 
 
 def test_linear_solutions_deviate_by_the_gap():
