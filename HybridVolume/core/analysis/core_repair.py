@@ -35,7 +35,7 @@ _PARTED = 4
 _STEP, _SHORTEST = 0.1, 0.3
 """Share of a column that it loses at a time, and what must be left."""
 _FEW = 40
-"""Folded tets up to which it is worth while to move nodes as much as can be."""
+"""Folded tets up to which moving nodes as much as can be, or a finer interface, is worth while."""
 _SMOOTH = np.cos(np.radians(30.0))
 """Cosine of the angle between normals at an edge from which on the interface counts as smooth."""
 _BULGE = 0.05
@@ -76,7 +76,8 @@ def repaired_core(
     space, notes = _valid_tets(spline, mesh, sides, degree)
     for _ in range(_FILLS):
         bad = folded(space)
-        if not bad.any():
+        # of many folds a finer interface would leave many
+        if not 0 < np.count_nonzero(bad) <= _FEW:
             break
         # faces stand in the order of the triangles
         under = np.isin(space.faces[:, :3], space.elements[bad, :4]).any(axis=1)
