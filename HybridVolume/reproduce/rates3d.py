@@ -83,7 +83,7 @@ class Asked:
     small : bool
         Whether it is part of the small run.
     w0 : float
-    start : {"own", "user"} or float
+    start : {"own", "user", "scaled"} or float
         Knot spans of the first shell, as for :func:`.rates3d_case.made_shell`.
     cuts, finer : int
         As for :func:`.rates3d_case.made_space`.
@@ -131,7 +131,7 @@ def _rates(
 
 ASKED = (
     _rates("torus", "poisson", 2, 2, COLLOCATION, 4),
-    _rates("sphere", "poisson", 4, 2, COLLOCATION, 3, cuts=3, pictured=2),
+    _rates("sphere", "poisson", 4, 2, COLLOCATION, 4, cuts=3, pictured=2),
     _rates("twisted_fichera", "poisson", 3, 2, COLLOCATION, 4, pictured=2),
     _rates("torus", "poisson", 3, 3, NITSCHE, 4),
     _rates("torus", "poisson", 3, 3, NITSCHE, 2, start=1.6, finer=1, pictured=1),
@@ -153,9 +153,11 @@ ASKED = (
         ("hollow_sphere", "lame", (0.072, 0.05, 0.035, 0.026)),
         ("torus", "elasticity", (0.08, 0.051, 0.036, 0.025)),
     )),
+    Asked("gaps", "box", "linear", 2, 2, NITSCHE, 3, start="scaled"),
+    Asked("gaps", "box", "linear", 3, 3, NITSCHE, 2, start="scaled"),
+    Asked("gaps", "box", "linear", 2, 2, COLLOCATION, 3, start="scaled"),
     *(Asked("gaps", body, "linear", p, k, coupling, levels)
       for body, p, k, coupling, levels in (
-          ("box", 2, 2, NITSCHE, 2), ("box", 3, 3, NITSCHE, 2),
           ("sphere", 4, 1, COLLOCATION, 3), ("sphere", 4, 2, COLLOCATION, 3),
           ("torus", 2, 2, COLLOCATION, 4), ("torus", 2, 2, NITSCHE, 4),
           ("torus", 3, 3, NITSCHE, 3))),

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from HybridVolume import exchange, protocol
+from HybridVolume.core import bspline
 from HybridVolume.core.analysis.coupling import CollocationSpace, NitscheSpace
 from HybridVolume.core.analysis.elevation import elevated_shell
 from HybridVolume.core.analysis.hybrid_space import hybrid_space, refined
@@ -33,6 +34,8 @@ from HybridVolume.core.interior import build_interface, fill_interior
 from HybridVolume.core.pipeline import Options, field_stage, midstructure_stage
 from HybridVolume.core.shell import Shell
 from HybridVolume.core.surface import PatchSurface, SplineFace
+from HybridVolume.core.validity import certify
+from HybridVolume.errors import FaultError
 from HybridVolume.worker import Channel
 
 from .cases import case_main, processor_seconds, told
@@ -44,7 +47,7 @@ logger = logging.getLogger(__name__)
 
 Space = CollocationSpace | NitscheSpace
 NORMS = ("l2", "h1", "energy")
-OWN, USER = "own", "user"
+OWN, USER, SCALED = "own", "user", "scaled"
 _RIGID = 2
 """Levels on which the energy of rigid motions is told."""
 
@@ -61,11 +64,14 @@ def made_shell(
         Across the shell, and the least along the surface; higher ones of the faces stay.
     w0 : float
         Level.
-    start : {"own", "user"} or float
+    start : {"own", "user", "scaled"} or float
         Knot spans: those of the body itself; those that a user's shell has, halved where normals
-        turn much; or such that no side is longer than this, mm.
+        turn much; or such that no side is longer than this, mm. Scaled: the inner surface is half
+        of the body itself, about its middle, so that it is flat where the body is.
     """
     surface = build_surface(list(faces))
+    if start == SCALED:
+        return elevated_shell(_scaled(surface, degree), degree)
     options = Options(w0=w0, layers=1, degree=degree)
     stage = midstructure_stage(surface, options)
     if start == OWN:
@@ -77,6 +83,19 @@ def made_shell(
     )
     logger.info("%d elements proved, w0 %.3f", certificate.valid, shell.w0)
     return elevated_shell(shell, degree)
+
+
+def _scaled(surface: PatchSurface, degree: int) -> Shell:
+    """Shell of a convex body of polynomial faces, towards the body of half the size."""
+    knots = bspline.clamped_knots(degree, 1)
+    points = surface.control_points
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    step = bspline.greville(degree, knots)[:, None, None] * 0.5 * (middle - points)
+    shell = Shell(surface, points + step, degree, knots)
+    certificate = certify(shell.bezier_elements())
+    if certificate.valid < shell.element_count:
+        raise FaultError("a scaled shell is not valid", figure=float(certificate.valid))
+    return shell
 
 
 def made_space(shell: Shell, degree: int, coupling: str, cuts: int = 1, finer: int = 0) -> Space:

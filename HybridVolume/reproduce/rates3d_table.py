@@ -22,6 +22,8 @@ EXACT = 1e-12
 """Most by which the core misses linear fields at the interface's nodes, of the diagonal."""
 PATCH = 1e-9
 """Most of the patch test where the interface is flat."""
+RIGID = 1e-10
+"""Most energy of a rigid motion, of that of a stretch of the same size."""
 SHARE = 1.0 / 3.0
 """Of the unknowns of tets alone, for the same error of energy."""
 SLACK = 0.2
@@ -37,6 +39,7 @@ _GAPS = {
     "rigid": "energy of rigid motions",
 }
 """Figures of the interface, and what they are called."""
+_STARTS = {"user": "spans as a user has them", "scaled": "towards half of the body"}
 
 
 def as_markdown(found: Mapping[str, Any]) -> str:
@@ -44,13 +47,16 @@ def as_markdown(found: Mapping[str, Any]) -> str:
     parts = [
         "## Rates in space\n\n`" + found["command"] + "`\n\n" + made_on(found, "cases"),
         demand_table(found["demands"]),
-        "### Errors\n\n" + _rates(found["cases"]),
     ]
+    solved = any(case["levels"] for case in found["cases"])
+    if solved:
+        parts.append("### Errors\n\n" + _rates(found["cases"]))
     if any(case["levels"] for case in found["tets"]):
         parts.append("### Equal unknowns\n\n" + _equal(found["cases"], found["tets"]))
     if any(case["levels"] for case in found["gaps"]):
         parts.append("### At the interface\n\n" + _gaps(found["gaps"]))
-    parts.append("### Time and memory\n\n" + _times(found["cases"]))
+    if solved:
+        parts.append("### Time and memory\n\n" + _times(found["cases"]))
     failed = [case for part in ("cases", "tets", "gaps") for case in found[part] if case["error"]]
     if failed:
         parts.append("\n".join(f"- {one['name']}: {one['error']['message']}" for one in failed))
@@ -122,6 +128,10 @@ def _asked_gaps(cases: Sequence[Case]) -> list[dict[str, Any]]:
         worst = max(row["patch_h1"] for case in flat for row in case["levels"])
         rows.append({"case": "patch test, flat interface, Nitsche", "demand": f"≤ {PATCH:.0e}",
                      "figure": f"{worst:.1e}", "met": worst <= PATCH})  # fmt: skip
+    rigid = [row["rigid"] for case in made for row in case["levels"] if row["rigid"] is not None]
+    if rigid:
+        rows.append({"case": "energy of rigid motions, of a stretch", "demand": f"≤ {RIGID:.0e}",
+                     "figure": f"{max(rigid):.1e}", "met": max(rigid) <= RIGID})  # fmt: skip
     for case in made:
         if case["body"] in FLAT:
             continue
@@ -333,9 +343,10 @@ def _ways(case: Case) -> list[str]:
         found.append(f"interface {case['cuts']} x {case['cuts']} a span")
     if case["finer"]:
         found.append("shell halved once more than the core")
-    if case["start"] != "own":
-        found.append("spans as a user has them" if case["start"] == "user" else
-                     f"spans of {case['start']:g} mm at most")  # fmt: skip
+    if case["start"] in _STARTS:
+        found.append(_STARTS[case["start"]])
+    elif case["start"] != "own":
+        found.append(f"spans of {case['start']:g} mm at most")
     return found
 
 
