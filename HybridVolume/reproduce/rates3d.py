@@ -158,7 +158,7 @@ ASKED = (
     Asked("gaps", "box", "linear", 2, 2, COLLOCATION, 3, start="scaled"),
     *(Asked("gaps", body, "linear", p, k, coupling, levels)
       for body, p, k, coupling, levels in (
-          ("sphere", 4, 1, COLLOCATION, 3), ("sphere", 4, 2, COLLOCATION, 3),
+          ("sphere", 4, 1, COLLOCATION, 4), ("sphere", 4, 2, COLLOCATION, 4),
           ("torus", 2, 2, COLLOCATION, 4), ("torus", 2, 2, NITSCHE, 4),
           ("torus", 3, 3, NITSCHE, 3))),
     _rates("torus", "poisson", 2, 2, COLLOCATION, 3, small=True),

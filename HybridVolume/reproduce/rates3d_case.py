@@ -48,8 +48,9 @@ logger = logging.getLogger(__name__)
 Space = CollocationSpace | NitscheSpace
 NORMS = ("l2", "h1", "energy")
 OWN, USER, SCALED = "own", "user", "scaled"
-_RIGID = 2
-"""Levels on which the energy of rigid motions is told."""
+_RIGID, _PATCH = 2, 3
+"""Levels on which the energy of rigid motions and patch tests are told: they need a solution or the
+matrix of all components, and finer ones tell no more."""
 
 
 def made_shell(
@@ -136,7 +137,7 @@ def with_rates(rows: list[dict[str, Any]], names: Sequence[str] = NORMS) -> list
     """Rows with their rates in h, which halves from one to the next: ``l2_rate``, ..."""
     for before, row in zip([None, *rows], rows, strict=False):
         for name in names:
-            known = before is not None and before[name] > 0.0 and row[name] > 0.0
+            known = bool(before and before[name] and row[name])
             row[f"{name}_rate"] = float(np.log2(before[name] / row[name])) if known else None
     return rows
 
@@ -249,7 +250,7 @@ def interface_rows(
     surface = space.spline.shell.surface
     for level, fine, _ in levels(space, count):
         figures = gap_figures(fine)
-        patch = patch_deviation(fine)
+        patch = patch_deviation(fine) if level < _PATCH else (None, None)
         rows.append({
             "level": level,
             "h": 0.5**level,
@@ -258,7 +259,6 @@ def interface_rows(
             "gap": figures["rms"] / surface.diagonal,
             "patch_l2": patch[0],
             "patch_h1": patch[1],
-            # the matrix of all components is large, and the figure does not depend on h
             "rigid": rigid_energy(fine, STEEL_LIKE) if level < _RIGID else None,
         })  # fmt: skip
         if told_to:

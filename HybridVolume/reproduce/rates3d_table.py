@@ -125,7 +125,12 @@ def _asked_gaps(cases: Sequence[Case]) -> list[dict[str, Any]]:
                      "figure": f"{worst:.1e}", "met": worst <= EXACT})  # fmt: skip
     flat = [case for case in made if case["body"] in FLAT and case["coupling"] == "nitsche"]
     if flat:
-        worst = max(row["patch_h1"] for case in flat for row in case["levels"])
+        worst = max(
+            row["patch_h1"]
+            for case in flat
+            for row in case["levels"]
+            if row["patch_h1"] is not None
+        )
         rows.append({"case": "patch test, flat interface, Nitsche", "demand": f"≤ {PATCH:.0e}",
                      "figure": f"{worst:.1e}", "met": worst <= PATCH})  # fmt: skip
     rigid = [row["rigid"] for case in made for row in case["levels"] if row["rigid"] is not None]
@@ -296,7 +301,8 @@ def _gaps(cases: Sequence[Case]) -> str:
         for name in names:
             found = [one[name] for one in case["levels"] if one[name] is not None]
             text = " / ".join(f"{value:.1e}" for value in found)
-            rate = case["levels"][-1].get(f"{name}_rate")
+            rates = [one.get(f"{name}_rate") for one in case["levels"]]
+            rate = next((one for one in reversed(rates) if one is not None), None)
             if rate is not None and name.startswith(("gap", "patch")) and case["body"] not in FLAT:
                 text += f" (h^{rate:.2f})"
             row.append(text)
