@@ -23,6 +23,7 @@ from HybridVolume.core.analysis.simplex_space import lattice, shape_functions
 
 from .cases import drawn_elsewhere
 from .quads_pictures import shrunk
+from .rates3d_table import short
 
 if TYPE_CHECKING:
     from .rates3d_problems import Problem
@@ -150,8 +151,7 @@ def _convergence(found: Mapping[str, Any], folder: Path) -> list[list[str]]:
         for row, (norm, words) in enumerate((("l2", "L2"), ("energy", "energy"))):
             here = axes[row, column]
             for colour, case in zip(COLOURS, cases, strict=False):
-                _line(here, case["levels"], norm, f"p {case['p']}, k {case['k']}, "
-                      f"{case['coupling']}", color=colour, marker="o")  # fmt: skip
+                _line(here, case["levels"], norm, short(case), color=colour, marker="o")
             if key in alone:
                 _line(here, alone[key]["levels"], norm, "ten-node tets", color="black",
                       marker="^", linestyle="--")  # fmt: skip
@@ -160,7 +160,7 @@ def _convergence(found: Mapping[str, Any], folder: Path) -> list[list[str]]:
             here.xaxis.set_minor_formatter(NullFormatter())
             here.yaxis.set_minor_formatter(NullFormatter())
             if row == 0:
-                here.legend(fontsize=7)
+                here.legend(fontsize=5)
         axes[0, 0].set_ylabel("error, share of the norm")
         axes[1, 0].set_ylabel("error, share of the norm")
     name = "rates3d_convergence.png"

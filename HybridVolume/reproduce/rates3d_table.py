@@ -107,7 +107,7 @@ def _asked(name: str, least: Mapping[str, float], cases: Sequence[Case]) -> dict
                     for rate, value in zip(last, least.values(), strict=True))
         )  # fmt: skip
         words = " and ".join("-" if rate is None else f"{rate:.2f}" for rate in last)
-        figures.append(f"{_short(case)}: {words}")
+        figures.append(f"{short(case)}: {words}")
     return {
         "case": name,
         "demand": demand,
@@ -142,7 +142,7 @@ def _asked_gaps(cases: Sequence[Case]) -> list[dict[str, Any]]:
             continue
         rate = case["gap_rate"]
         rows.append({
-            "case": f"{_short(case)}: gap between the core's facets and the inner surface",
+            "case": f"{short(case)}: gap between the core's facets and the inner surface",
             "demand": f"falls like h^{case['k'] + 1}",
             "figure": "-" if rate is None else f"h^{rate:.2f}",
             "met": rate is not None and rate >= case["k"] + 1 - SLACK,
@@ -157,7 +157,7 @@ def _asked_share(cases: Sequence[Case], tets: Sequence[Case]) -> list[dict[str, 
         for case in _beside(cases, alone):
             share = _share(case, alone, "energy")
             if share is not None and (best is None or share < best[0]):
-                best = share, _short(case)
+                best = share, short(case)
         if best is None:
             continue
         rows.append({
@@ -228,7 +228,7 @@ def _equal(cases: Sequence[Case], tets: Sequence[Case]) -> str:
                 gains.append("-" if error is None else f"{error / last[norm]:.2f}")
             shares = [_share(case, alone, norm) for norm in ("l2", "energy")]
             rows.append((
-                alone["body"], alone["problem"], _short(case), _count(last["unknowns"]), *gains,
+                alone["body"], alone["problem"], short(case), _count(last["unknowns"]), *gains,
                 *("-" if share is None else f"{share:.2f}" for share in shares),
             ))  # fmt: skip
     words = (
@@ -320,7 +320,7 @@ def _times(cases: Sequence[Case]) -> str:
         last = case["levels"][-1]
         solver = last.get("solver") or {}
         rows.append((
-            f"{case['body']}, {case['problem']}, {_short(case)}",
+            f"{case['body']}, {case['problem']}, {short(case)}",
             _count(last["unknowns"]),
             str(solver.get("method", "-")),
             str(solver.get("iterations", "-")),
@@ -337,7 +337,8 @@ def _figure(value: Any) -> str:
     return f"{value:.1f}" if isinstance(value, float | int) else "-"
 
 
-def _short(case: Case) -> str:
+def short(case: Case) -> str:
+    """Degrees, coupling, and what is not as usual in a case."""
     words = [f"p = {case['p']}", f"k = {case['k']}", case["coupling"]]
     return ", ".join([*words, *_ways(case)])
 
