@@ -21,7 +21,8 @@ from .cases import drawn_elsewhere
 TIME_LIMIT = 300.0
 RED, DARK = "#c0392b", "#2c3e50"
 COLOURS = ("#c0392b", "#1f6fb2", "#2e8b57", "#e08e0b", "#7d3c98", "#117a8b")
-DPI = 80
+DPI, SHADES = 88, 64
+"""Of the pictures, which are as small as that."""
 
 
 def draw(file: Path, python: str) -> list[list[str]]:
@@ -56,19 +57,19 @@ def rates2d(found: Mapping[str, Any], folder: Path) -> list[list[str]]:
         "other bodies": [c for c in cases if c["body"] != "disk"],
     }
     groups = {title: chosen for title, chosen in groups.items() if chosen}
-    figure = Figure(figsize=(5.2 * len(groups), 4.6), layout="constrained")
+    figure = Figure(figsize=(4.9 * len(groups), 7.0), layout="constrained")
     axes = figure.subplots(1, len(groups), squeeze=False)[0]
     for here, (title, chosen) in zip(axes, groups.items(), strict=True):
         for number, case in enumerate(chosen):
             look = {"color": COLOURS[number % len(COLOURS)]} if case["p"] else {"color": "black"}
-            style = "--" if not case["p"] else ("-" if number < len(COLOURS) else ":")
+            style = "--" if not case["p"] else ("-", "-.", ":")[number // len(COLOURS) % 3]
             _line(here, case, _label(case, title), linestyle=style, **look)
         _slopes(here, sorted({case["k"] + 1 for case in chosen}))
         here.set_title(title)
-        here.legend(fontsize=6.5)
+        here.legend(fontsize=7.5, loc="upper center", bbox_to_anchor=(0.5, -0.14), frameon=False)
     axes[0].set_ylabel("error in L2")
     name = "rates2d_convergence.png"
-    figure.savefig(folder / name, dpi=DPI)
+    _save(figure, folder / name)
     return [[name, "Errors over unknowns in the plane, with slopes in h"]]
 
 
@@ -84,7 +85,7 @@ def fig7(found: Mapping[str, Any], folder: Path) -> list[list[str]]:
     _slopes(here, [2])
     here.set_ylabel("error in L2")
     here.legend()
-    figure.savefig(folder / "fig7_convergence.png", dpi=DPI)
+    _save(figure, folder / "fig7_convergence.png")
     return [["fig7_convergence.png", "Errors on both representations, as in the paper's Fig. 7"]]
 
 
@@ -109,8 +110,18 @@ def depth(found: Mapping[str, Any], folder: Path) -> list[list[str]]:
         here.legend(fontsize=8)
     axes[0].set_ylabel("error over that of triangles alone")
     name = "depth_share.png"
-    figure.savefig(folder / name, dpi=DPI)
+    _save(figure, folder / name)
     return [[name, "Error at equal unknowns against the depth of the ring"]]
+
+
+def _save(figure: Any, path: Path) -> None:
+    """Write a figure with few colours."""
+    from PIL import Image
+
+    figure.savefig(path, dpi=DPI)
+    with Image.open(path) as picture:
+        small = picture.convert("RGB").quantize(SHADES)
+    small.save(path, optimize=True)
 
 
 def _label(case: Mapping[str, Any], title: str) -> str:
@@ -125,7 +136,9 @@ def _label(case: Mapping[str, Any], title: str) -> str:
     edges = {"greville": "nodes t_l", 1: "1 edge a span"}.get(
         case["nodes"], f"{case['nodes']} edges a span"
     )
-    way = f"{edges}{', anew' if case['anew'] else ''}" if case["k"] == 1 else case["coupling"]
+    way = f"{edges}{', anew' if case['anew'] else ''}"
+    if case["k"] > 1:
+        way = case["coupling"] + (f", {edges}" if case["nodes"] != 1 else "")
     return f"{body}{degree}p {case['p']}, depth {case['depth']:g}, {way}"
 
 
