@@ -143,7 +143,7 @@ ASKED = (
     _rates("sphere", "poisson", 4, 3, NITSCHE, 3),
     _rates("torus", "poisson", 3, 2, COLLOCATION, 3),
     _rates("fandisk", "poisson", 3, 2, COLLOCATION, 2, start="user", pictured=1),
-    _rates("hollow_sphere", "lame", 4, 2, COLLOCATION, 3, cuts=3),
+    _rates("hollow_sphere", "lame", 4, 2, COLLOCATION, 2, cuts=3),
     _rates("torus", "elasticity", 2, 2, COLLOCATION, 3),
     _rates("torus", "elasticity", 3, 3, NITSCHE, 2, start=1.6, finer=1),
     _rates("hollow_sphere", "lame", 4, 3, NITSCHE, 2),
