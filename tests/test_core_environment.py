@@ -218,3 +218,25 @@ def test_run_sh_hands_everything_on(project, tmp_path):
         str(project),
         "/usr/bin/python3",
     ]
+
+
+@pytest.mark.parametrize(
+    ("said", "wrong"),
+    [
+        ("mfem 4.10.0.1 requires numba, which is not installed.", ""),
+        ("mfem 4.10.0.1 requires numpy, which is not installed.", "mfem"),
+        (
+            "mfem 4.10.0.1 requires numba, which is not installed.\\n"
+            "pyvista 0.49 has requirement vtk<9, but you have vtk 9.7.2.",
+            "pyvista",
+        ),
+    ],
+)
+def test_what_a_wheel_declares_without_need_is_no_fault(said, wrong):
+    command = [sys.executable, "-c", f"print('{said}'); raise SystemExit(1)"]
+    if not wrong:
+        environment._check_fit(command)
+        return
+    with pytest.raises(SetupError, match=wrong) as refused:
+        environment._check_fit(command)
+    assert "numba" not in str(refused.value)
