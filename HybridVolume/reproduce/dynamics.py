@@ -99,8 +99,8 @@ ASKED = (
     Asked("drops", "fandisk", _coupled(1, p=2, drop={})),
     *(Asked("flights", "torus", _coupled(1, own_spans=True, p=2, rule=rule, steps=24))
       for rule in RULES),
-    Asked("modes", "sphere", _coupled(2, own_spans=True, p=4, levels=3)),
-    Asked("modes", "sphere", _coupled(2, "nitsche", own_spans=True, p=4, levels=3)),
+    Asked("modes", "sphere", _coupled(2, own_spans=True, p=4, levels=2)),
+    Asked("modes", "sphere", _coupled(2, "nitsche", own_spans=True, p=4, levels=2)),
     Asked("modes", "sphere", _coupled(3, "nitsche", own_spans=True, p=4, levels=2)),
     *(Asked("rest", body, _coupled(2, coupling, own_spans=own))
       for body, own in (("sphere", True), ("torus", True))

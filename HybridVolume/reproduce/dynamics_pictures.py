@@ -73,7 +73,7 @@ def frames(case: Mapping[str, Any], folder: Path, path: Path) -> None:
             axis.set_title(f"{1e3 * time:.1f} ms", fontsize=9)
         bar = figure.colorbar(_scale(high), ax=list(axes), shrink=0.6, aspect=30)
         bar.set_label("von Mises stress, kPa")
-        figure.savefig(path, dpi=80)
+        figure.savefig(path, dpi=72)
 
 
 def _scale(high: float) -> Any:
@@ -139,7 +139,7 @@ def energies(case: Mapping[str, Any], path: Path) -> None:
                       for row in rows], color="black")  # fmt: skip
     right.set_xlabel("time, ms")
     right.set_title("change of the total energy", fontsize=10)
-    figure.savefig(path, dpi=80)
+    figure.savefig(path, dpi=72)
 
 
 def main(arguments: list[str] | None = None) -> int:
