@@ -21,7 +21,8 @@ from .coupling import CollocationSpace, NitscheSpace
 from .plane_curve import PlaneCurve
 from .plane_mesh import crossing_edges, fill_polygon
 from .plane_offset import inner_points
-from .plane_ring import PlaneRing, TriangleRim
+from .plane_rim import TriangleRim
+from .plane_ring import PlaneRing
 from .simplex_space import DEGREES, SimplexSpace, found_rows, lattice, lattice_keys
 from .subdivision import interface_places
 from .tet_space import check_valid
