@@ -43,10 +43,11 @@ class Imprinted:
 
 def has_seam(face: Any) -> bool:
     """Whether an edge bounds a face on both sides."""
-    # isSeam is also true of the pieces beside a former seam, which have a curve each on one surface
+    # isSeam is also true of the pieces beside a former seam, which have a curve each on one
+    # surface; all edges of a wire are listed twice or once by the version of FreeCAD
     for wire in face.Wires:
         known: dict[int, list] = {}
-        for edge in wire.childShapes(True, True):
+        for edge in wire.OrderedEdges:
             alike = known.setdefault(edge.hashCode(), [])
             if not edge.Degenerated and any(edge.isSame(other) for other in alike):
                 return True
