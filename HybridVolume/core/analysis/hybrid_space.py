@@ -4,7 +4,8 @@
 
 The core's tets follow the curved inner surface of the shell. Where that folds them, nodes inside
 give way; then edges, faces and tets that join points of the interface through the core get a vertex
-of their own; then the interface gets finer there. In the end every element is proved valid.
+of their own; then the interface gets finer there; at last nodes go towards straight tets, off the
+interface too. In the end every element is proved valid.
 """
 
 from __future__ import annotations
@@ -36,8 +37,6 @@ logger = logging.getLogger(__name__)
 
 COUPLINGS = {"collocation": CollocationSpace, "nitsche": NitscheSpace}
 """Names of the couplings."""
-_FINEST = 8
-"""Into how many parts a side of a knot rectangle may be cut where tets stay folded."""
 
 
 def hybrid_space(
@@ -73,8 +72,6 @@ def hybrid_space(
     ------
     InputError
         Degree or coupling are unknown, or tets stay folded; the CAD faces over them are named.
-    MesherError
-        The core could not be filled anew where the interface had to be made finer.
     """
     if degree not in DEGREES:
         raise InputError(f"degree {degree} in the core", remedy="choose 1, 2 or 3")
@@ -87,7 +84,7 @@ def hybrid_space(
     notes = []
     if raised is not shell:
         notes.append(f"patches of a lower degree were raised to {degree}")
-    tets, found = _core(shell, interface, interior, degree, spline)
+    tets, found = _core(interface, interior, degree, spline)
     notes += found
     for note in notes:
         logger.info("%s", note)
@@ -134,9 +131,9 @@ def refined(space: CollocationSpace | NitscheSpace) -> CollocationSpace | Nitsch
 
 
 def _core(
-    shell: Shell, interface: Interface, interior: Interior, degree: int, spline: SplineSpace
+    interface: Interface, interior: Interior, degree: int, spline: SplineSpace
 ) -> tuple[TetSpace, list[str]]:
-    """Valid tets, over a finer interface if need be, and what was done."""
+    """Valid tets, straight ones where nothing else is valid, and what was done."""
     sides = Sides.of(interface)
     if (sides.w < 1.0).any():
         # what the core takes of the shell would be there twice: up to the inner surface if it can
@@ -154,5 +151,6 @@ def _core(
     except MesherError as error:
         logger.info("no core under a finer interface: %s", error.line)
     found, count = yielding_core(spline, interior.mesh, sides, degree)
+    check_valid(found, spline)
     note = f"{count} nodes of the interface stand off the inner surface, where tets were folded"
     return found, [note, *overlap_note(sides)]
