@@ -60,7 +60,8 @@ class HybridVolumeError(Exception):
         places: Sequence[Place] = (),
     ) -> None:
         self.message = message
-        self.faces = tuple(faces)
+        # a face may be made of many patches
+        self.faces = tuple(dict.fromkeys(faces))
         self.figure = figure
         self.remedy = remedy
         self.places = tuple(places)
