@@ -19,7 +19,9 @@ from typing import Any
 import numpy as np
 
 from .. import errors
+from ..core.covering.cover import Cover
 from ..core.covering.exchange import BREP, ERROR, read_cover, write_body
+from ..core.covering.kinds import kinds_of_origins
 from ..core.surface import SplineFace
 from ..worker_process import tail, worker_python, worker_variables
 from .exact_geometry import curves_of, surfaces_of
@@ -57,12 +59,16 @@ class Covered:
         Largest distance of the patches from each face of the solid, mm, at samples.
     quads : int
         Quads that the patches were joined from.
+    kinds : tuple of str
+        ``bit``, ``exact`` or ``tolerance`` for each face of the solid, see
+        :mod:`..core.covering.kinds`.
     """
 
     faces: tuple[SplineFace, ...]
     origin: np.ndarray
     deviation: np.ndarray
     quads: int
+    kinds: tuple[str, ...]
 
 
 def cover_solid(solid: Any, tolerance: float | None = None) -> Covered:
@@ -99,8 +105,7 @@ def cover_solid(solid: Any, tolerance: float | None = None) -> Covered:
             write_body(folder, outline, *geometry, {"tolerance": allowed, **attempt})
             state = _run(python, folder)
             if state == 0:
-                faces, origin, deviation, quads = read_cover(folder)
-                return _on_given_faces(faces, origin, deviation, quads, imprinted.origin)
+                return _on_given_faces(read_cover(folder), imprinted.origin)
             if state == 2:
                 told = json.loads((folder / ERROR).read_text())
                 raise _renamed(errors.InputError(**told), names)
@@ -144,20 +149,15 @@ def _renamed(error: errors.InputError, names: list[str]) -> errors.InputError:
     )
 
 
-def _on_given_faces(
-    faces: list[SplineFace],
-    origin: np.ndarray,
-    deviation: np.ndarray,
-    quads: int,
-    given: np.ndarray,
-) -> Covered:
+def _on_given_faces(cover: Cover, given: np.ndarray) -> Covered:
     """The cover of the cut solid as one of the solid before seams were cut."""
-    own = given[origin]
+    own = given[cover.origin]
     worst = np.zeros(int(given.max()) + 1)
-    np.maximum.at(worst, given, deviation)
+    np.maximum.at(worst, given, cover.deviation)
     count: dict[int, int] = {}
     named = []
-    for face, number in zip(faces, own.tolist(), strict=True):
+    for face, number in zip(cover.faces, own.tolist(), strict=True):
         count[number] = count.get(number, 0) + 1
         named.append(replace(face, name=f"Face{number + 1}.{count[number]}"))
-    return Covered(tuple(named), own, worst, quads)
+    kinds = kinds_of_origins(cover.kinds, given)
+    return Covered(tuple(named), own, worst, cover.quads, kinds)

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -52,6 +53,8 @@ def _curve(edge: Any) -> SplineCurve:
 def surfaces_of(solid: Any) -> list[SplineFace]:
     """The surface of every face, cut to the rectangle of its parameters that the face needs.
 
+    ``exact`` tells converted ones from the file's own B-spline surfaces.
+
     Parameters
     ----------
     solid : Part.Solid
@@ -65,7 +68,8 @@ def surfaces_of(solid: Any) -> list[SplineFace]:
     for number, face in enumerate(solid.Faces):
         name = f"Face{number + 1}"
         surface = face.Surface
-        if surface.TypeId not in ("Part::GeomBSplineSurface", "Part::GeomBezierSurface"):
+        own = surface.TypeId in ("Part::GeomBSplineSurface", "Part::GeomBezierSurface")
+        if not own:
             converted = face.toNurbs().Faces
             surface = converted[0].Surface if len(converted) == 1 else None
             rectangle = converted[0].ParameterRange if surface is not None else None
@@ -78,5 +82,5 @@ def surfaces_of(solid: Any) -> list[SplineFace]:
                 faces=[name],
                 remedy="convert it to NURBS in the CAD program",
             )
-        found.append(patch)
+        found.append(replace(patch, exact=not own))
     return found

@@ -25,6 +25,7 @@ from .coons import homogeneous_nets
 from .geometry import SplineCurve, project
 from .intervals import assign_intervals, lower_bounds
 from .iso_faces import curves_of_sides, grid_parameters, on_grids, rectangle_faces
+from .kinds import kinds_of
 from .lattice import bicubic_nets
 from .outline import Outline
 from .patches import joined_patches
@@ -55,12 +56,15 @@ class Cover:
         Largest distance of the patches of each face of the outline from it, mm, at samples.
     quads : int
         Quads that the patches were joined from.
+    kinds : tuple of str
+        ``bit``, ``exact`` or ``tolerance`` for each face of the outline, see :mod:`.kinds`.
     """
 
     faces: tuple[SplineFace, ...]
     origin: np.ndarray
     deviation: np.ndarray
     quads: int
+    kinds: tuple[str, ...]
 
 
 def cover_body(
@@ -134,7 +138,8 @@ def cover_body(
                 logger.info(
                     "%d quads in %d patches, %d rounds", len(cover.quads), len(faces), number + 1
                 )
-                return Cover(tuple(faces), origin, deviation, len(cover.quads))
+                kinds = kinds_of(outline, grids, rims, cover.rim_edge, planar, surfaces, deviation)
+                return Cover(tuple(faces), origin, deviation, len(cover.quads), kinds)
         if len(bad):
             edges = np.unique(outline.edge[np.isin(outline.face, bad)])
         words = ", ".join(_names(np.unique(outline.face[np.isin(outline.edge, edges)])))

@@ -20,6 +20,7 @@ import numpy as np
 
 from ...errors import HybridVolumeError
 from ..surface import SplineFace
+from .cover import Cover, cover_body
 from .geometry import SplineCurve
 from .outline import Outline
 
@@ -103,17 +104,16 @@ def _faces(file: Mapping[str, np.ndarray], what: str, count: int) -> list[Spline
     return found
 
 
-def read_cover(folder: Path) -> tuple[list[SplineFace], np.ndarray, np.ndarray, int]:
-    """Patches, the face of each, the deviation of each face (mm), the number of quads."""
+def read_cover(folder: Path) -> Cover:
+    """The cover that the process wrote."""
     with np.load(folder / COVER) as file:
         faces = _faces(file, "patch", int(file["patches"]))
-        return faces, file["origin"], file["deviation"], int(file["quads"])
+        kinds = tuple(str(kind) for kind in file["kinds"])
+        return Cover(tuple(faces), file["origin"], file["deviation"], int(file["quads"]), kinds)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Cover the body in a folder."""
-    from .cover import cover_body
-
     folder = Path((sys.argv[1:] if arguments is None else arguments)[0])
     logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(message)s")
     outline, curves, surfaces, task = read_body(folder)
@@ -129,6 +129,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         origin=cover.origin,
         deviation=cover.deviation,
         quads=cover.quads,
+        kinds=np.array(cover.kinds),
         **_face_arrays("patch", cover.faces),
     )
     return 0
