@@ -118,6 +118,12 @@ class DegenerateSideError(InputError):
     code = "degenerate-side"
 
 
+class InexactFaceError(InputError):
+    """A face has no exact NURBS form."""
+
+    code = "inexact-face"
+
+
 class GapError(InputError):
     """Two sides that should meet are farther apart than the tolerance."""
 

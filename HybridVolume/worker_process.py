@@ -126,11 +126,16 @@ class WorkerProcess:
         """
         return self._process.poll() is not None and self._lines.empty()
 
-    def death(self) -> WorkerError:
-        """Why it ended without an answer."""
+    @property
+    def code(self) -> int | None:
+        """Its exit code, the negative number of a signal; None where it goes on without output."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(GRACE)
-        code = self._process.poll()
+        return self._process.poll()
+
+    def death(self) -> WorkerError:
+        """Why it ended without an answer."""
+        code = self.code
         if code is None:
             return WorkerError("the worker closed its output and goes on")
         if code >= 0:

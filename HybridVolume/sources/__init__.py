@@ -2,13 +2,18 @@
 # SPDX-FileCopyrightText: The HybridVolume authors
 """Bodies from files and FreeCAD shapes. Runs in FreeCAD's Python, which it imports when needed."""
 
+from .agreement import check_against_cad
+from .covering import Covered, Covering
 from .files import Surfacing, read_file
-from .shapes import Body, check_against_cad, global_shape, read_object, read_shape
+from .shapes import Body, coverings, global_shape, read_object, read_shape
 
 __all__ = [
     "Body",
+    "Covered",
+    "Covering",
     "Surfacing",
     "check_against_cad",
+    "coverings",
     "global_shape",
     "read_file",
     "read_object",

@@ -8,10 +8,17 @@ own with a time limit, and is asked again with other sizes where it crashes.
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import json
 import logging
-import subprocess
+import math
+import queue
+import shutil
 import tempfile
+import time
+from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +30,8 @@ from ..core.covering.cover import Cover
 from ..core.covering.exchange import BREP, ERROR, read_cover, write_body
 from ..core.covering.kinds import kinds_of_origins
 from ..core.surface import SplineFace
-from ..worker_process import tail, worker_python, worker_variables
+from ..protocol import Progress, parse_line
+from ..worker_process import WorkerProcess, tail, worker_python
 from .exact_geometry import curves_of, surfaces_of
 from .imprint import imprint_seams
 from .outlines import outline_of
@@ -44,6 +52,12 @@ ATTEMPTS = (
 """Sizes of the first quads: the largest turn of an edge in an interval, degrees, and how often an
 interval goes into the diagonal. The next is tried where the mesher crashes or does not end."""
 
+STAGE = "covering"
+"""Name of the stage in the progress."""
+
+_MODULE = "HybridVolume.core.covering.exchange"
+_KEPT = 64
+
 
 @dataclass(frozen=True)
 class Covered:
@@ -52,7 +66,7 @@ class Covered:
     Attributes
     ----------
     faces : tuple of SplineFace
-        Named after the solid's faces: ``Face3.1``, ``Face3.2``, ...
+        Named after the faces of the solid that they are on: ``Face3`` as often as it has patches.
     origin : (n,) int array
         Face of the solid that each patch is on, from 0.
     deviation : (nf,) array
@@ -62,6 +76,8 @@ class Covered:
     kinds : tuple of str
         ``bit``, ``exact`` or ``tolerance`` for each face of the solid, see
         :mod:`..core.covering.kinds`.
+    tolerance : float
+        Largest deviation that was allowed, mm.
     """
 
     faces: tuple[SplineFace, ...]
@@ -69,10 +85,15 @@ class Covered:
     deviation: np.ndarray
     quads: int
     kinds: tuple[str, ...]
+    tolerance: float
 
 
-def cover_solid(solid: Any, tolerance: float | None = None) -> Covered:
-    """Cover a solid with four-sided patches.
+class Covering:
+    """The covering of one solid, in a process of its own.
+
+    ``start`` cuts the seams and launches the mesher's process, ``poll`` (from a timer) tells how
+    far it is; ``run`` does both and waits. Covers and refusals are kept in memory: of a solid that
+    was covered with the same tolerance before, ``start`` is the end already.
 
     Parameters
     ----------
@@ -80,6 +101,336 @@ def cover_solid(solid: Any, tolerance: float | None = None) -> Covered:
         With any faces: trimmed, with seams and poles.
     tolerance : float, optional
         Largest distance from the faces, mm; 1e-4 of the diagonal by default.
+    free_only : bool
+        Leave Gmsh out.
+    python : str, optional
+        Interpreter of the mesher's process; :func:`..worker_process.worker_python` otherwise.
+    name : str
+        Of the solid, for messages.
+
+    Attributes
+    ----------
+    state : {"new", "running", "done", "failed", "cancelled"}
+    error : HybridVolumeError or None
+        Why it failed or ended.
+    log : str
+        The last lines that the mesher's process wrote.
+
+    Raises
+    ------
+    InputError
+        The tolerance is no length.
+    """
+
+    def __init__(
+        self,
+        solid: Any,
+        tolerance: float | None = None,
+        *,
+        free_only: bool = False,
+        python: str | None = None,
+        name: str = "body",
+    ) -> None:
+        self.solid = solid
+        self.tolerance = allowed_deviation(solid, tolerance)
+        self.free_only = free_only
+        self.name = name
+        self.state = "new"
+        self.error: errors.HybridVolumeError | None = None
+        self.log = ""
+        self._python = python
+        self._result: Covered | None = None
+        self._process: WorkerProcess | None = None
+        self._folder: Path | None = None
+        self._given = np.zeros(0, dtype=int)
+        self._attempt = 0
+        self._began = 0.0
+        self._failures: list[str] = []
+        self._prepared: Callable[[Path, dict], None] | None = None
+        self._key = _key(solid, self.tolerance, free_only)
+
+    def start(self) -> None:
+        """Cut the seams and launch the mesher's process; failures are kept, not raised."""
+        if self.state != "new":
+            raise RuntimeError(f"a covering that is {self.state} cannot be started")
+        self.state = "running"
+        known = _MEMORY.get(self._key)
+        if known is not None:
+            _MEMORY.move_to_end(self._key)
+            self._end(known)
+            return
+        try:
+            self._python = worker_python(self._python)
+            self._prepare()
+            self._launch()
+        except errors.HybridVolumeError as error:
+            self._end(error)
+
+    def poll(self, wait: float = 0.0) -> list[Progress]:
+        """Return the progress since the last call; update ``state`` and ``error``.
+
+        Parameters
+        ----------
+        wait : float
+            Seconds to wait for the first line.
+        """
+        news: list[Progress] = []
+        if self.state != "running":
+            return news
+        try:
+            with contextlib.suppress(queue.Empty):
+                while self.state == "running":
+                    line = self._process.line(wait)
+                    wait = 0.0
+                    if line is None:
+                        self._finish()
+                    elif line.startswith("{"):
+                        said = parse_line(line)
+                        if isinstance(said, Progress):
+                            news.append(replace(said, stage=STAGE))
+            if self.state == "running" and self._process.gone:
+                self._finish()
+            if self.state == "running" and time.monotonic() - self._began > SECONDS:
+                self._retry("time limit")
+        except errors.HybridVolumeError as error:
+            self._end(error)
+        return news
+
+    def run(self, progress: Callable[[Progress], None] | None = None) -> Covered:
+        """Start, wait, and return the result (blocking: for macros and scripts).
+
+        Raises
+        ------
+        HybridVolumeError
+            As :meth:`result`.
+        """
+        try:
+            if self.state == "new":
+                self.start()
+            while self.state == "running":
+                for news in self.poll(wait=0.1):
+                    if progress:
+                        progress(news)
+        except BaseException:
+            self.cancel()
+            raise
+        return self.result()
+
+    def cancel(self) -> None:
+        """End the process and everything that it started."""
+        if self.state in ("new", "running"):
+            self.state = "cancelled"
+            self.error = errors.WorkerError("the covering was cancelled")
+            self._close()
+
+    def result(self) -> Covered:
+        """Return the cover.
+
+        Raises
+        ------
+        InputError
+            No cover was found; faces are named.
+        SetupError
+            There is no Python for the mesher.
+        WorkerError
+            It was cancelled.
+        """
+        if self.error is not None:
+            raise self.error
+        if self._result is None:
+            raise RuntimeError(f"a covering that is {self.state} has no result")
+        return self._result
+
+    def _prepare(self) -> None:
+        """Cut the seams, describe the solid."""
+        imprinted = imprint_seams(self.solid)
+        self._given = imprinted.origin
+        try:
+            outline = outline_of(imprinted.solid)
+            geometry = curves_of(imprinted.solid), surfaces_of(imprinted.solid)
+        except errors.InputError as error:
+            raise self._renamed(error) from error
+
+        def write(folder: Path, task: dict) -> None:
+            imprinted.solid.exportBrep(str(folder / BREP))
+            write_body(folder, outline, *geometry, task)
+
+        self._prepared = write
+
+    def _launch(self) -> None:
+        """Start the process of the next attempt.
+
+        Raises
+        ------
+        WorkerError
+            The process cannot be made.
+        """
+        self._close()
+        self._folder = Path(tempfile.mkdtemp(prefix="hybridvolume-"))
+        self._prepared(self._folder, {"tolerance": self.tolerance, **ATTEMPTS[self._attempt]})
+        try:
+            self._process = WorkerProcess(
+                self._python,
+                _MODULE,
+                self._folder,
+                self._folder / "log",
+                free_only=self.free_only,
+            )
+        except OSError as fault:
+            raise errors.WorkerError(
+                f"the mesher did not start: {fault}", remedy="check Preferences"
+            ) from fault
+        self._began = time.monotonic()
+
+    def _finish(self) -> None:
+        """Turn the end of the process into a result, a refusal, or another attempt."""
+        code = self._process.code
+        if code == 0:
+            self._end(self._on_given_faces(read_cover(self._folder)))
+        elif code == 2 and (self._folder / ERROR).is_file():
+            told = json.loads((self._folder / ERROR).read_text())
+            self._end(self._renamed(errors.InputError(**told)))
+        else:
+            self._retry(f"code {code}")
+
+    def _retry(self, why: str) -> None:
+        """Try the next sizes after a crash.
+
+        Raises
+        ------
+        InputError
+            There are none left.
+        """
+        self._failures.append(why)
+        logger.warning("%s: covering failed (%s)", self.name, why)
+        logger.debug("%s", tail(self._folder / "log"))
+        self._attempt += 1
+        if self._attempt == len(ATTEMPTS):
+            raise errors.InputError(
+                f"the mesher of the faces fails ({', '.join(self._failures)})",
+                remedy="simplify the body in the CAD program: merge narrow faces, remove small"
+                " ones",
+            )
+        self._launch()
+
+    def _end(self, found: Covered | errors.HybridVolumeError) -> None:
+        if isinstance(found, Covered):
+            self.state, self._result = "done", found
+        else:
+            self.state, self.error = "failed", found
+        # what is the body's own fault stays so; a Python that was absent may be there tomorrow
+        if isinstance(found, Covered | errors.InputError | errors.FaultError):
+            _MEMORY[self._key] = found
+            while len(_MEMORY) > _KEPT:
+                _MEMORY.popitem(last=False)
+        self._close()
+
+    def _close(self) -> None:
+        """End the process and remove its folder."""
+        if self._process is not None:
+            self._process.stop(gently=self.state == "done")
+            self._process = None
+        if self._folder is not None:
+            self.log = tail(self._folder / "log")
+            shutil.rmtree(self._folder, ignore_errors=True)
+            self._folder = None
+
+    def _renamed(self, error: errors.InputError) -> errors.InputError:
+        """An error about pieces of faces as one about the faces of the given solid."""
+        pieces = [int(face.split(".")[0][4:]) - 1 for face in error.faces]
+        return type(error)(
+            error.message,
+            faces=[f"Face{self._given[piece] + 1}" for piece in pieces],
+            figure=error.figure,
+            remedy=error.remedy,
+        )
+
+    def _on_given_faces(self, cover: Cover) -> Covered:
+        """The cover of the cut solid as one of the solid before seams were cut."""
+        own = self._given[cover.origin]
+        worst = np.zeros(int(self._given.max()) + 1)
+        np.maximum.at(worst, self._given, cover.deviation)
+        named = [
+            replace(face, name=f"Face{number + 1}")
+            for face, number in zip(cover.faces, own.tolist(), strict=True)
+        ]
+        kinds = kinds_of_origins(cover.kinds, self._given)
+        if set(own.tolist()) != set(range(len(worst))) or not np.all(np.isfinite(worst)):
+            raise errors.FaultError(
+                "the cover leaves faces out",
+                faces=[f"Face{k + 1}" for k in np.setdiff1d(np.arange(len(worst)), own).tolist()],
+                remedy="please report this body",
+            )
+        return Covered(tuple(named), own, worst, cover.quads, kinds, self.tolerance)
+
+
+_MEMORY: OrderedDict[tuple, Covered | errors.HybridVolumeError] = OrderedDict()
+"""What was covered or refused lately."""
+
+
+def is_known(solid: Any, tolerance: float | None = None, *, free_only: bool = False) -> bool:
+    """Whether the cover of a solid, or why there is none, is in memory.
+
+    Parameters
+    ----------
+    solid, tolerance, free_only
+        As for :class:`Covering`.
+    """
+    return _key(solid, allowed_deviation(solid, tolerance), free_only) in _MEMORY
+
+
+def allowed_deviation(solid: Any, tolerance: float | None) -> float:
+    """Largest distance of patches from the faces of a solid, mm.
+
+    Parameters
+    ----------
+    solid : Part.Shape
+    tolerance : float or None
+        What is asked for, mm; None or 0: 1e-4 of the diagonal.
+
+    Raises
+    ------
+    InputError
+        It is no length.
+    """
+    if not tolerance:
+        return TOLERANCE * solid.BoundBox.DiagonalLength
+    allowed = float(tolerance)
+    if not (math.isfinite(allowed) and allowed > 0.0):
+        raise errors.InputError(
+            f"the tolerance {tolerance!r} is no length above 0 mm",
+            remedy="give a length in mm, or 0 for 1e-4 of the diagonal",
+        )
+    return allowed
+
+
+def _key(solid: Any, tolerance: float, free_only: bool) -> tuple:
+    """What a cover depends on."""
+    from ..objects.fingerprint import fingerprint
+
+    # where the edges end is not in the fingerprint, and covers follow them
+    corners = np.array([tuple(vertex.Point) for vertex in solid.Vertexes])
+    digest = hashlib.sha256(corners.tobytes()).hexdigest()
+    return fingerprint(solid), digest, float(tolerance), bool(free_only)
+
+
+def cover_solid(
+    solid: Any,
+    tolerance: float | None = None,
+    *,
+    free_only: bool = False,
+    python: str | None = None,
+    name: str = "body",
+    progress: Callable[[Progress], None] | None = None,
+) -> Covered:
+    """Cover a solid with four-sided patches, and wait for it.
+
+    Parameters
+    ----------
+    solid, tolerance, free_only, python, name
+        As for :class:`Covering`.
+    progress : callable, optional
+        Called with a :class:`..protocol.Progress` now and then.
 
     Raises
     ------
@@ -88,76 +439,5 @@ def cover_solid(solid: Any, tolerance: float | None = None) -> Covered:
     SetupError
         There is no Python for the mesher.
     """
-    imprinted = imprint_seams(solid)
-    names = [f"Face{k + 1}" for k in imprinted.origin.tolist()]
-    try:
-        outline = outline_of(imprinted.solid)
-        geometry = curves_of(imprinted.solid), surfaces_of(imprinted.solid)
-    except errors.InputError as error:
-        raise _renamed(error, names) from error
-    allowed = TOLERANCE * solid.BoundBox.DiagonalLength if tolerance is None else float(tolerance)
-    python = worker_python()
-    words = []
-    for attempt in ATTEMPTS:
-        with tempfile.TemporaryDirectory(prefix="hybridvolume-") as name:
-            folder = Path(name)
-            imprinted.solid.exportBrep(str(folder / BREP))
-            write_body(folder, outline, *geometry, {"tolerance": allowed, **attempt})
-            state = _run(python, folder)
-            if state == 0:
-                return _on_given_faces(read_cover(folder), imprinted.origin)
-            if state == 2:
-                told = json.loads((folder / ERROR).read_text())
-                raise _renamed(errors.InputError(**told), names)
-            words.append(f"{'time limit' if state is None else f'code {state}'}")
-            logger.warning("covering failed (%s); other sizes are tried", words[-1])
-    raise errors.InputError(
-        f"the mesher of the faces fails ({', '.join(words)})",
-        remedy="simplify the body in the CAD program: merge narrow faces, remove small ones",
-    )
-
-
-def _run(python: str, folder: Path) -> int | None:
-    """Exit code of the mesher's process; None where it did not end in time."""
-    command = [python, "-m", "HybridVolume.core.covering.exchange", str(folder)]
-    with open(folder / "log", "wb") as log:
-        try:
-            code = subprocess.run(
-                command,
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
-                env=worker_variables(folder),
-                timeout=SECONDS,
-                check=False,
-            ).returncode
-        except subprocess.TimeoutExpired:
-            return None
-    if code not in (0, 2):
-        logger.debug("%s", tail(folder / "log"))
-    return code
-
-
-def _renamed(error: errors.InputError, names: list[str]) -> errors.InputError:
-    """An error about pieces of faces as one about the faces of the given solid."""
-    faces = [names[int(face.split(".")[0][4:]) - 1] for face in error.faces]
-    return errors.InputError(
-        error.message,
-        faces=list(dict.fromkeys(faces)),
-        figure=error.figure,
-        remedy=error.remedy,
-    )
-
-
-def _on_given_faces(cover: Cover, given: np.ndarray) -> Covered:
-    """The cover of the cut solid as one of the solid before seams were cut."""
-    own = given[cover.origin]
-    worst = np.zeros(int(given.max()) + 1)
-    np.maximum.at(worst, given, cover.deviation)
-    count: dict[int, int] = {}
-    named = []
-    for face, number in zip(cover.faces, own.tolist(), strict=True):
-        count[number] = count.get(number, 0) + 1
-        named.append(replace(face, name=f"Face{number + 1}.{count[number]}"))
-    kinds = kinds_of_origins(cover.kinds, given)
-    return Covered(tuple(named), own, worst, cover.quads, kinds)
+    covering = Covering(solid, tolerance, free_only=free_only, python=python, name=name)
+    return covering.run(progress)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 from ..errors import InputError
 from . import step
@@ -16,7 +17,9 @@ from .shapes import Body
 __all__ = ["MESH_SUFFIXES", "Surfacing", "read_file"]
 
 
-def read_file(path: str | os.PathLike, surfacing: Surfacing | None = None) -> list[Body]:
+def read_file(
+    path: str | os.PathLike, surfacing: Surfacing | None = None, **keywords: Any
+) -> list[Body]:
     """Bodies of a file.
 
     Parameters
@@ -25,6 +28,9 @@ def read_file(path: str | os.PathLike, surfacing: Surfacing | None = None) -> li
         STEP or BREP, or a mesh of polygons as OBJ, OFF or PLY.
     surfacing : Surfacing, optional
         How a mesh becomes patches.
+    **keywords
+        How solids with other faces than patches are covered, as for :func:`.shapes.read_shape`:
+        ``cover``, ``tolerance``, ``free_only``, ``python``, ``progress``. Meshes need no cover.
 
     Returns
     -------
@@ -44,4 +50,4 @@ def read_file(path: str | os.PathLike, surfacing: Surfacing | None = None) -> li
             f"{Path(path).name} is no mesh: it has no scheme, subdivisions or sharp angle",
             remedy=f"leave these out, or give a file of the kinds {', '.join(MESH_SUFFIXES)}",
         )
-    return step.read_file(path)
+    return step.read_file(path, **keywords)

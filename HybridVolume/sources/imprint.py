@@ -108,7 +108,7 @@ def imprint_seams(solid: Any) -> Imprinted:
 
     Raises
     ------
-    FaultError
+    InputError
         OCC does not cut the faces into a closed, valid solid of the same volume without seams;
         the faces are named.
     """
@@ -142,8 +142,8 @@ def imprint_seams(solid: Any) -> Imprinted:
     return Imprinted(cut, _origins(cut, solid))
 
 
-def _failed(what: str, faces: list[str], figure: float | None = None) -> errors.FaultError:
-    return errors.FaultError(
+def _failed(what: str, faces: list[str], figure: float | None = None) -> errors.InputError:
+    return errors.InputError(
         what,
         faces=faces,
         figure=figure,
@@ -165,10 +165,9 @@ def _origins(cut: Any, solid: Any) -> np.ndarray:
         found.append(near[int(np.argmin(off))] if near else -1)
     origin = np.array(found)
     if np.any(origin < 0) or len(np.unique(origin)) != len(solid.Faces):
-        raise errors.FaultError(
+        raise _failed(
             "pieces of cut faces cannot be told apart",
-            faces=[f"Face{k + 1}" for k in np.setdiff1d(np.arange(len(solid.Faces)), origin)],
-            remedy="report this body",
+            [f"Face{k + 1}" for k in np.setdiff1d(np.arange(len(solid.Faces)), origin)],
         )
     return origin
 

@@ -198,7 +198,7 @@ def surfaced(mesh: PolygonMesh, name: str, surfacing: Surfacing) -> Body:
     surface = build_surface(faces)
     check_quads(surface, nets, numbers)
     try:
-        (body,) = read_shape(solid_of(surface), name)
+        (body,) = read_shape(solid_of(surface), name, cover=False)
     except FaultError as fault:
         raise InputError(
             f"the patches make no solid for FreeCAD ({fault.message})",
@@ -206,7 +206,7 @@ def surfaced(mesh: PolygonMesh, name: str, surfacing: Surfacing) -> Body:
         ) from fault
     if body.error is None and len(body.faces) != len(faces):
         raise FaultError(f"FreeCAD has {len(body.faces)} of {len(faces)} faces")
-    return replace(body, origin={"mesh": {**figures, "notes": [*mesh.notes, words]}})
+    return replace(body, origin={**body.origin, "mesh": {**figures, "notes": [*mesh.notes, words]}})
 
 
 def edge_turns(mesh: PolygonMesh) -> tuple[np.ndarray, np.ndarray]:

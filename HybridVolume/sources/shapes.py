@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -13,21 +13,25 @@ import numpy as np
 
 from .. import errors
 from ..core.polygons import PolygonMesh
-from ..core.surface import PatchSurface, SplineFace
+from ..core.surface import SplineFace
+from ..protocol import Progress
 from .contacts import find_point_contacts
-from .faces import (
-    EXACT_TOLERANCE,
-    FaceReading,
-    Refusal,
-    distance_of_points,
-    face_edges,
-    random_parameters,
-    take_face,
-)
+from .covering import Covered, Covering, is_known
+from .faces import FaceReading, Refusal, face_edges, take_face
+from .geometry import converted_geometry, covered_geometry
 
 logger = logging.getLogger(__name__)
 
 _UNTRIM = "give a body whose faces are whole, four-sided NURBS patches"
+
+_COVERED = (
+    errors.TrimmedFaceError,
+    errors.SeamError,
+    errors.DegenerateSideError,
+    errors.TJunctionError,
+    errors.InexactFaceError,
+)
+"""Faces that are no patches, but can be covered with some."""
 
 
 @dataclass(frozen=True)
@@ -61,18 +65,23 @@ class Body:
     ----------
     name : str
     faces : tuple of SplineFace
-        Named ``Face1``, ``Face2``, ... in FreeCAD's order; empty when the body is refused.
+        Named ``Face1``, ``Face2``, ... after FreeCAD's faces, in their order where each is one
+        patch; of a covered body the name of a face stands as often as it has patches. Empty when
+        the body is refused.
     shape : Part.Solid
-        In global coordinates, mm.
+        As it was given, in global coordinates, mm.
     error : InputError or None
         Why the body is refused.
     domains : tuple
         For each face the rectangle ``(u0, u1, v0, v1)`` of its B-spline surface, or None where a
         converted face has other parameters.
     origin : dict
-        What is known about where the body comes from, for the report; of a mesh file ``mesh``.
+        What is known about where the body comes from, for the report: ``geometry``, see
+        :mod:`.geometry`; of a mesh file ``mesh``.
     mesh : MeshOrigin or None
         The mesh itself that it was made from.
+    cover : Covered or None
+        How the faces were covered with patches; None where each is one patch itself.
     """
 
     name: str
@@ -82,26 +91,71 @@ class Body:
     domains: tuple = ()
     origin: dict[str, Any] = field(default_factory=dict)
     mesh: MeshOrigin | None = field(default=None, repr=False)
+    cover: Covered | None = field(default=None, repr=False)
 
 
-def read_object(document_object: Any) -> list[Body]:
+def read_object(document_object: Any, **keywords: Any) -> list[Body]:
     """Bodies of a FreeCAD document object, in global coordinates.
 
     Parameters
     ----------
     document_object : App.DocumentObject
         Anything with a shape: a Part feature, a PartDesign body, a Part container, a link.
+    **keywords
+        As for :func:`read_shape`.
 
     Raises
     ------
     InputError
         As :func:`read_shape`.
     """
-    found = read_shape(global_shape(document_object), document_object.Label)
+    found = read_shape(global_shape(document_object), document_object.Label, **keywords)
     proxy = getattr(document_object, "Proxy", None)
     if getattr(proxy, "Type", "") != "HybridVolume::MeshBody":
         return found
-    return [replace(body, origin=proxy.origin(document_object)) for body in found]
+    own = proxy.origin(document_object)
+    return [replace(body, origin={**body.origin, **own}) for body in found]
+
+
+def coverings(
+    document_object: Any,
+    *,
+    tolerance: float | None = None,
+    free_only: bool = False,
+    python: str | None = None,
+) -> list[Covering]:
+    """What has to be done before a document object can be read at once.
+
+    Parameters
+    ----------
+    document_object : App.DocumentObject
+    tolerance, free_only, python
+        As for :func:`read_shape`.
+
+    Returns
+    -------
+    list of Covering
+        New ones, one for each solid that needs a cover and has neither one nor a refusal in
+        memory. None of an object that is refused altogether: reading tells why.
+
+    Raises
+    ------
+    InputError
+        The tolerance is no length.
+    """
+    shape = global_shape(document_object)
+    if shape.isNull():
+        return []
+    try:
+        solids = _solids(shape)
+    except errors.InputError:
+        return []
+    names = _body_names(document_object.Label, len(solids))
+    return [
+        Covering(solid, tolerance, free_only=free_only, python=python, name=name)
+        for solid, name, body in zip(solids, names, _read_solids(names, solids), strict=True)
+        if isinstance(body.error, _COVERED) and not is_known(solid, tolerance, free_only=free_only)
+    ]
 
 
 def global_shape(document_object: Any) -> Any:
@@ -116,8 +170,20 @@ def global_shape(document_object: Any) -> Any:
     return shape
 
 
-def read_shape(shape: Any, name: str = "Body") -> list[Body]:
+def read_shape(
+    shape: Any,
+    name: str = "Body",
+    *,
+    cover: bool = True,
+    tolerance: float | None = None,
+    free_only: bool = False,
+    python: str | None = None,
+    progress: Callable[[str, Progress], None] | None = None,
+) -> list[Body]:
     """Bodies of a shape, one a solid.
+
+    A solid with a face that is no untrimmed patch is covered with patches, see :mod:`.covering`,
+    in a process that this waits for.
 
     Parameters
     ----------
@@ -125,6 +191,17 @@ def read_shape(shape: Any, name: str = "Body") -> list[Body]:
         A solid, or anything that holds solids or closed shells.
     name : str
         Name of the body; several bodies get a number behind it.
+    cover : bool
+        False: refuse trimmed faces, seams, poles and T-junctions.
+    tolerance : float, optional
+        Largest distance of patches from the faces of a solid that is covered, mm; 1e-4 of the
+        diagonal by default.
+    free_only : bool
+        Cover without the GPL parts.
+    python : str, optional
+        Interpreter for the covering; :func:`..worker_process.worker_python` otherwise.
+    progress : callable, optional
+        Called now and then with the name of the body that is covered and how far it is.
 
     Returns
     -------
@@ -135,26 +212,62 @@ def read_shape(shape: Any, name: str = "Body") -> list[Body]:
     ------
     InputError
         One of its kinds, when there is no solid or every body is refused.
+    SetupError
+        A solid has to be covered, and there is no Python for it.
     """
     if shape.isNull():
         raise errors.InputError("the shape is empty", remedy="give a closed solid")
     solids = _solids(shape)
-    if len(solids) == 1:
-        names = [name]
-    else:
-        names = [f"{name}_{i + 1}" for i in range(len(solids))]
-    bodies = [_read_solid(solid, own) for solid, own in zip(solids, names, strict=True)]
-    usable = [k for k, body in enumerate(bodies) if body.error is None]
-    contacts = find_point_contacts([solids[k] for k in usable], [names[k] for k in usable])
-    for k, error in zip(usable, contacts, strict=True):
-        if error is not None:
-            bodies[k] = Body(names[k], (), solids[k], error)
+    names = _body_names(name, len(solids))
+    bodies = _read_solids(names, solids)
+    for k, body in enumerate(bodies if cover else ()):
+        if isinstance(body.error, _COVERED):
+            covering = Covering(
+                body.shape, tolerance, free_only=free_only, python=python, name=body.name
+            )
+            bodies[k] = _covered(covering, progress)
     refused = [body for body in bodies if body.error is not None]
     if len(refused) == len(bodies):
         _raise_all(refused)
     for body in refused:
         logger.warning("%s is refused: %s", body.name, body.error.line)
     return bodies
+
+
+def _body_names(name: str, count: int) -> list[str]:
+    return [name] if count == 1 else [f"{name}_{i + 1}" for i in range(count)]
+
+
+def _read_solids(names: Sequence[str], solids: Sequence[Any]) -> list[Body]:
+    """Solids as they are; those with faces that are no patches carry an error of `_COVERED`."""
+    bodies = [_read_solid(solid, own) for solid, own in zip(solids, names, strict=True)]
+    usable = [
+        k for k, body in enumerate(bodies) if not body.error or isinstance(body.error, _COVERED)
+    ]
+    contacts = find_point_contacts([solids[k] for k in usable], [names[k] for k in usable])
+    for k, error in zip(usable, contacts, strict=True):
+        if error is not None:
+            bodies[k] = Body(names[k], (), solids[k], error)
+    return bodies
+
+
+def _covered(covering: Covering, progress: Callable[[str, Progress], None] | None) -> Body:
+    """A body of patches on the faces of a solid."""
+    try:
+        cover = covering.run(lambda news: progress(covering.name, news) if progress else None)
+    except errors.SetupError:
+        raise
+    except errors.HybridVolumeError as error:
+        return Body(covering.name, (), covering.solid, error)
+    return Body(
+        covering.name,
+        cover.faces,
+        covering.solid,
+        None,
+        (None,) * len(cover.faces),
+        {"geometry": covered_geometry(covering.solid, cover)},
+        cover=cover,
+    )
 
 
 def _raise_all(bodies: list[Body]) -> None:
@@ -246,7 +359,14 @@ def _read_solid(solid: Any, name: str) -> Body:
     except errors.InputError as error:
         return Body(name, (), solid, error)
     faces = tuple(reading.face for reading in readings)
-    return Body(name, faces, solid, None, tuple(reading.domain for reading in readings))
+    return Body(
+        name,
+        faces,
+        solid,
+        None,
+        tuple(reading.domain for reading in readings),
+        {"geometry": converted_geometry(solid, faces)},
+    )
 
 
 def _take_faces(solid: Any) -> list[FaceReading]:
@@ -303,7 +423,7 @@ _REASONS = {
         _UNTRIM,
     ),
     "inexact": (
-        errors.InputError,
+        errors.InexactFaceError,
         ("has no exact NURBS form", "have no exact NURBS form"),
         ("face without exact NURBS form", "faces without exact NURBS form"),
         "convert the body to NURBS first",
@@ -364,53 +484,3 @@ def _t_junctions(faces: list, found: list[FaceReading | Refusal]) -> list[int]:
                 if known.isSame(vertex) and k not in owners:
                     stopped |= owners
     return sorted(stopped)
-
-
-def check_against_cad(body: Body, surface: PatchSurface) -> float:
-    """Largest distance of 25 random points a face between the patches and the CAD faces.
-
-    Parameters
-    ----------
-    body : Body
-    surface : PatchSurface
-        Built from ``body.faces``, one patch a face in their order.
-
-    Returns
-    -------
-    float
-        mm. Where the welding moved a side by more than 1e-9 of the diagonal, that shows here.
-
-    Raises
-    ------
-    FaultError
-        When the deviation exceeds 1e-9 of the diagonal and no welding explains it.
-    """
-    faces = body.shape.Faces
-    worst = 0.0
-    count = len(surface.patches)
-    places = np.array([random_parameters(k) for k in range(count)])  # (patches, 2, 25)
-    on = np.repeat(np.arange(count), places.shape[2])
-    # coordinates far from the origin are rounded more coarsely than a small body is exact
-    rounding = 8.0 * np.finfo(float).eps * float(np.abs(surface.control_points).max())
-    allowed = EXACT_TOLERANCE * surface.diagonal + rounding
-    u_all, v_all = places[:, 0].ravel(), places[:, 1].ravel()
-    points = surface.evaluate_at(on, u_all, v_all).reshape(count, -1, 3)
-    # turning a patch over exchanges its parameters
-    turned = surface.evaluate_at(on, v_all, u_all).reshape(count, -1, 3)
-    for k, (given, patch) in enumerate(zip(body.faces, surface.patches, strict=True)):
-        face = faces[int(given.name.removeprefix("Face")) - 1]
-        u, v = places[k]
-        deviation = distance_of_points(points[k], u, v, face, body.domains[k])
-        if body.domains[k] is not None and deviation > allowed:
-            other = distance_of_points(turned[k], u, v, face, body.domains[k])
-            deviation = min(deviation, other)
-        moved = float(surface.moved[k]) if len(surface.moved) else 0.0
-        if deviation > allowed + moved:
-            raise errors.FaultError(
-                f"the patch is {deviation:.2g} mm away from its CAD face, allowed {allowed:.2g} mm",
-                faces=[patch.face],
-                figure=deviation,
-                remedy="please report this body",
-            )
-        worst = max(worst, deviation)
-    return worst

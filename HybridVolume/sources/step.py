@@ -41,13 +41,16 @@ _ANNOUNCED = re.compile(
 )
 
 
-def read_file(path: str | os.PathLike) -> list[Body]:
+def read_file(path: str | os.PathLike, **keywords: Any) -> list[Body]:
     """Bodies of a STEP or BREP file.
 
     Parameters
     ----------
     path : path
         ``.step``, ``.stp``, ``.brep`` or ``.brp``, in any case.
+    **keywords
+        As for :func:`.shapes.read_shape`: ``cover``, ``tolerance``, ``free_only``, ``python``,
+        ``progress``.
 
     Returns
     -------
@@ -61,7 +64,7 @@ def read_file(path: str | os.PathLike) -> list[Body]:
         One of its kinds: the file cannot be read, holds no solid, or every body is refused.
     """
     path = Path(path)
-    return read_shape(read_any_shape(path), path.stem)
+    return read_shape(read_any_shape(path), path.stem, **keywords)
 
 
 def read_any_shape(path: str | os.PathLike) -> Any:
