@@ -96,7 +96,7 @@ def test_shared_control_points_bit_for_bit(shared_data):
 )
 def test_shared_file_is_refused(shared_data, name, error, faces):
     with pytest.raises(error) as caught:
-        sources.read_file(shared_data / name)
+        sources.read_file(shared_data / name, cover=False)
     assert caught.value.faces and all(f.startswith("Face") for f in caught.value.faces)
     if faces is not None:
         assert len(caught.value.faces) == faces
@@ -225,7 +225,7 @@ def test_vertices_in_a_side_shared_by_both_faces_do_no_harm():
     square = _polygon_face((0, 0, 0), (1.5, 0, 0), (3, 0, 0), (3, 2, 0), (0, 2, 0))
     prism = square.extrude(Vector(0, 0, 1))
     with pytest.raises(errors.TJunctionError):
-        sources.read_shape(prism)
+        sources.read_shape(prism, cover=False)
     # merge the two coplanar sides, but keep the two vertices in the long edges
     merged = prism.removeSplitter()
     (body,) = sources.read_shape(merged)
@@ -238,7 +238,7 @@ def test_vertices_in_a_side_shared_by_both_faces_do_no_harm():
 def test_several_bodies():
     box = Part.makeBox(3, 2, 1)
     pair = Part.makeCompound([box, box.translated(Vector(9, 0, 0)), Part.makeCylinder(1, 1)])
-    found = sources.read_shape(pair, "pair")
+    found = sources.read_shape(pair, "pair", cover=False)
     assert [body.name for body in found] == ["pair_1", "pair_2", "pair_3"]
     assert [body.error is None for body in found] == [True, True, False]
     assert isinstance(found[2].error, errors.SeamError)
@@ -373,9 +373,9 @@ def test_shape_is_refused(name, through_file, tmp_path):
         if through_file:
             path = tmp_path / "body.step"
             shape.exportStep(str(path))
-            sources.read_file(path)
+            sources.read_file(path, cover=False)
         else:
-            sources.read_shape(shape)
+            sources.read_shape(shape, cover=False)
     if faces is not None and not (through_file and error is errors.OpenBodyError):
         assert caught.value.faces == faces
     assert caught.value.remedy and "\n" not in caught.value.line
@@ -383,7 +383,7 @@ def test_shape_is_refused(name, through_file, tmp_path):
 
 def test_one_line_counts_the_other_reasons():
     with pytest.raises(errors.SeamError) as caught:
-        sources.read_shape(Part.makeCylinder(1, 2))
+        sources.read_shape(Part.makeCylinder(1, 2), cover=False)
     assert "1 of 3 faces" in caught.value.line
     assert "2 trimmed faces" in caught.value.line
     assert "none of its faces is a B-spline face" in caught.value.line
