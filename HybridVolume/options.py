@@ -1,20 +1,15 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""The options of the command line, and how their words are read."""
+"""The options of the command line; :mod:`.option_words` reads their words."""
 
 from __future__ import annotations
 
 import argparse
-import math
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import HybridVolume
-from HybridVolume.errors import InputError
-from HybridVolume.job import ELEMENTS, MESH_EXPORTS, SHELL_EXPORTS, SURFACE_EXPORTS
-
-GEOMETRY_SUFFIXES = (".step", ".stp", ".brep", ".brp")
+from HybridVolume import option_words as words
+from HybridVolume.job import ELEMENTS
 
 
 class _Help(argparse.HelpFormatter):
@@ -34,167 +29,14 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"error: {message}; see {self.prog} --help\n")
 
 
-def _share(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0.0 < value < 1.0:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number between 0 and 1")
-    return value
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is no count of 1 or more")
-    return int(text)
-
-
-def _steps(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text!r} is no number of subdivisions")
-    return int(text)
-
-
-def _number(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text!r} is no number")
-    return value
-
-
-def _samples(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text!r} is no number of samples")
-    return int(text)
-
-
-def _midstructure(text: str) -> str:
-    """A method that needs nothing else, or a file."""
-    if Path(text).suffix.lower() in GEOMETRY_SUFFIXES:
-        return text
-    from HybridVolume.core.midstructure.search import METHODS
-
-    methods = [method for method in METHODS if method != "own"]
-    if text not in methods:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is none of {', '.join(methods)}, and no STEP or BREP file"
-        )
-    return text
-
-
-def _depth(text: str) -> str:
-    from HybridVolume.core.midstructure.search import parse_depth
-
-    _read(parse_depth, text)
-    return text
-
-
-def _thickness(text: str) -> str:
-    from HybridVolume.core.goals import Thickness
-
-    return _read(Thickness.parse, text).text
-
-
-def _spacing(text: str) -> str:
-    from HybridVolume.core.levels import Spacing
-
-    return _read(Spacing.parse, text).text
-
-
-def _factor(text: str) -> str:
-    from HybridVolume.core.goals import parse_factor
-
-    _read(parse_factor, text)
-    return text
-
-
-def _density(name: str, kind: type = float) -> Callable[[str], Any]:
-    """Reads a number that `Density` takes under this name."""
-
-    def read(text: str) -> Any:
-        from HybridVolume.core.density import Density
-
-        value = int(text) if kind is int and text.isdecimal() else _number(text)
-        if kind is int and not isinstance(value, int):
-            raise argparse.ArgumentTypeError(f"{text!r} is no count")
-        _read(lambda _: Density(**{name: value}), text)
-        return value
-
-    return read
-
-
-def _evenness(name: str) -> Callable[[str], float]:
-    """Reads a number that `Evenness` takes under this name."""
-
-    def read(text: str) -> float:
-        from HybridVolume.core.even import Evenness
-
-        value = _number(text.strip().removesuffix("mm") if name == "size" else text)
-        _read(lambda _: Evenness(**{name: value}), text)
-        return value
-
-    return read
-
-
-def _length(text: str) -> float:
-    value = _density("size")(text.strip().removesuffix("mm"))
-    if not value:
-        raise argparse.ArgumentTypeError(f"{text!r} is no length above 0 mm")
-    return value
-
-
-def _face_size(text: str) -> str:
-    from HybridVolume.core.density import parse_size
-
-    _read(parse_size, text)
-    return text
-
-
-def _formats(text: str) -> list[str]:
-    names = [name.strip().lower() for name in text.split(",")]
-    known = (*MESH_EXPORTS, *SURFACE_EXPORTS, *SHELL_EXPORTS)
-    for name in names:
-        if name not in known:
-            raise argparse.ArgumentTypeError(
-                f"{name!r} is no format; choose some of {', '.join(known)}"
-            )
-    return names
-
-
-def _read(parse: Callable[[str], Any], text: str) -> Any:
-    """Parse a word of the command line; what is wrong with it is one line."""
-    try:
-        return parse(text)
-    except InputError as error:
-        raise argparse.ArgumentTypeError(error.line) from None
-
-
-class _Decide(argparse.Action):
-    """Collects decisions about sheets of all kinds in their order."""
-
-    def __call__(
-        self, parser: argparse.ArgumentParser, namespace: Any, values: Any, option: Any = None
-    ) -> None:
-        from HybridVolume.core.midstructure import Decision
-
-        try:
-            decision = Decision.about(self.const, values)
-        except InputError as error:
-            raise argparse.ArgumentError(self, error.line) from None
-        namespace.decisions = [*namespace.decisions, str(decision)]
-
-
 def parser() -> Parser:
     """Return the parser of the command line."""
     p = Parser(
         prog="./run.sh",
         description="Complete the volume of the bodies of a STEP or BREP file, or of a closed mesh "
-        "of quads or a cage (OBJ, OFF, PLY): a shell of NURBS elements that keeps their faces bit "
-        "for bit, tetrahedra in the core, one mesh for FEM.",
+        "of quads or a cage (OBJ, OFF, PLY): a shell of NURBS elements that keeps untrimmed faces "
+        "bit for bit, plane ones and whole rectangles of surfaces exactly and others within a "
+        "tolerance, tetrahedra in the core, one mesh for FEM.",
         epilog="Writes NAME.FCStd, NAME.vtu, NAME.inp, NAME.png and report.json, and what --export "
         "names. Ends with 0 when "
         "every element is proved valid, 2 for an input that it refuses, 1 for a fault of its own. "
@@ -204,15 +46,17 @@ def parser() -> Parser:
         '  ./run.sh part.step --thickness "2 mm" --face-factor Face3=1.5 --face-factor Face7=0.5\n'
         '  ./run.sh part.step --thickness "30 %" --layers 4 --spacing "ratio 1.5"\n'
         '  ./run.sh part.step --thickness "min 1 mm" --layers 5 --spacing "first 0.1 mm"\n'
+        "  ./run.sh part.step --cover-tolerance 0.01\n"
         "  ./run.sh part.step --size 2 --face-size Face3=0.5 --fem-layers 4 --export unv,msh\n",
         formatter_class=_Help,
     )
     p.add_argument(
         "body",
         metavar="BODY",
-        help="STEP or BREP file with untrimmed NURBS faces, or a mesh (.obj, .off, .ply)",
+        help="STEP or BREP file with solids, or a mesh (.obj, .off, .ply)",
     )
     p.add_argument("-o", "--output", metavar="DIR", help="output folder (default: ./NAME)")
+    _add_cover(p)
     _add_mesh_files(p)
     _add_thickness(p)
     _add_spans(p)
@@ -228,7 +72,7 @@ def parser() -> Parser:
     _add_mesh(p)
     p.add_argument(
         "--tolerance",
-        type=_share,
+        type=words.share,
         default=1e-7,
         metavar="T",
         help="points closer than this share of the diagonal are one (default: 1e-7)",
@@ -251,6 +95,27 @@ def parser() -> Parser:
     return p
 
 
+def _add_cover(p: Parser) -> None:
+    group = p.add_argument_group(
+        "faces",
+        "how trimmed faces, seams, poles and T-junctions of a solid become four-sided patches; "
+        "report.json says of every face whether it is kept bit for bit, exactly, or how closely",
+    )
+    group.add_argument(
+        "--cover-tolerance",
+        type=words.length,
+        metavar="MM",
+        help="largest distance of patches from such faces; it is met or the body refused "
+        "(default: 1e-4 of the diagonal)",
+    )
+    group.add_argument(
+        "--no-cover",
+        action="store_false",
+        dest="cover",
+        help="refuse bodies with such faces",
+    )
+
+
 def _add_mesh_files(p: Parser) -> None:
     from HybridVolume.sources.meshes import SCHEMES
 
@@ -265,13 +130,13 @@ def _add_mesh_files(p: Parser) -> None:
     )
     group.add_argument(
         "--steps",
-        type=_steps,
+        type=words.steps,
         metavar="N",
         help="subdivisions first, 0 to 5 (default: as many as the scheme needs)",
     )
     group.add_argument(
         "--sharp-angle",
-        type=_number,
+        type=words.number,
         default=0.0,
         metavar="DEG",
         help="edges of a cage that turn by more are creases too (default: 0, only those named)",
@@ -283,7 +148,7 @@ def _add_thickness(p: Parser) -> None:
     wanted = group.add_mutually_exclusive_group()
     wanted.add_argument(
         "--w0",
-        type=_share,
+        type=words.share,
         default=0.5,
         metavar="W",
         help="share of the way from the faces to the midstructure, as a level of the harmonic "
@@ -291,14 +156,14 @@ def _add_thickness(p: Parser) -> None:
     )
     wanted.add_argument(
         "--thickness",
-        type=_thickness,
+        type=words.thickness,
         metavar="TEXT",
         help='in place of --w0: "2 mm" everywhere, "mean 2 mm", "min 2 mm" (at the thinnest '
         'place), or "30 %%" of the local radius, which is half the body\'s thickness',
     )
     group.add_argument(
         "--face-factor",
-        type=_factor,
+        type=words.factor,
         action="append",
         default=[],
         dest="face_factors",
@@ -307,14 +172,14 @@ def _add_thickness(p: Parser) -> None:
     )
     group.add_argument(
         "--layers",
-        type=_count,
+        type=words.count,
         default=2,
         metavar="N",
         help="layers of elements, 1 to 50 (default: 2)",
     )
     group.add_argument(
         "--spacing",
-        type=_spacing,
+        type=words.spacing,
         default="volume",
         metavar="TEXT",
         help='layers of equal volume ("volume") or height ("distance"), each higher than the one '
@@ -323,7 +188,7 @@ def _add_thickness(p: Parser) -> None:
     )
     group.add_argument(
         "--degree",
-        type=_count,
+        type=words.count,
         default=3,
         metavar="P",
         help="degree through the shell, 1 to 6 (default: 3)",
@@ -340,14 +205,14 @@ def _add_spans(p: Parser) -> None:
     )
     group.add_argument(
         "--span-size",
-        type=_evenness("size"),
+        type=words.evenness("size"),
         default=0.0,
         metavar="MM",
         help="longest side of a span (default: 0, any)",
     )
     group.add_argument(
         "--span-aspect",
-        type=_evenness("aspect"),
+        type=words.evenness("aspect"),
         default=0.0,
         metavar="A",
         help="longest over shortest side, 2 or more, where half of a strip's spans ask for it "
@@ -355,7 +220,7 @@ def _add_spans(p: Parser) -> None:
     )
     group.add_argument(
         "--span-turn",
-        type=_evenness("turn"),
+        type=words.evenness("turn"),
         default=0.0,
         metavar="DEG",
         help="largest turn of the normal along a span, 1 to 180 degrees (default: 0, as needed)",
@@ -366,7 +231,7 @@ def _add_midstructure(p: Parser) -> None:
     group = p.add_argument_group("midstructure", "what the shell grows towards, inside the body")
     group.add_argument(
         "--midstructure",
-        type=_midstructure,
+        type=words.midstructure,
         default="auto",
         metavar="M",
         help="auto, medial-axis, skeleton (curves, for tubular bodies), distance (a surface of "
@@ -374,7 +239,7 @@ def _add_midstructure(p: Parser) -> None:
     )
     group.add_argument(
         "--depth",
-        type=_depth,
+        type=words.depth,
         default="50%",
         metavar="D",
         help="of distance: a share of the largest distance or mm, e.g. 50%% or 2.5mm "
@@ -382,28 +247,28 @@ def _add_midstructure(p: Parser) -> None:
     )
     group.add_argument(
         "--samples",
-        type=_samples,
+        type=words.samples,
         default=0,
         metavar="N",
         help="samples of the surface (default: 0, by the body)",
     )
     group.add_argument(
         "--angle",
-        type=_number,
+        type=words.number,
         default=125.0,
         metavar="DEG",
         help="smallest object angle of what a medial axis keeps (default: 125)",
     )
     group.add_argument(
         "--minimum-size",
-        type=_number,
+        type=words.number,
         default=1.0,
         metavar="S",
         help="smallest area of a part that a medial axis keeps, in squares of its distance to the "
         "surface (default: 1)",
     )
     p.set_defaults(decisions=[])
-    for action, words in (
+    for action, told in (
         ("remove", "leave the sheets between two faces out; @u,v names the one at that place of "
          "the first face (repeatable)"),
         ("keep", "keep them (repeatable)"),
@@ -411,11 +276,11 @@ def _add_midstructure(p: Parser) -> None:
     ):  # fmt: skip
         group.add_argument(
             "--keep-only" if action == "only" else f"--{action}-sheet",
-            action=_Decide,
+            action=words.Decide,
             const=action,
             dest="decisions",
             metavar="Face3+Face9[@u,v]",
-            help=words,
+            help=told,
         )
 
 
@@ -434,7 +299,7 @@ def _add_mesh(p: Parser) -> None:
     )
     group.add_argument(
         "--subdivide",
-        type=_density("subdivide", int),
+        type=words.density("subdivide", int),
         default=1,
         metavar="N",
         help="parts that each side of the shell's elements is cut into at least, 1 to 64 "
@@ -442,14 +307,14 @@ def _add_mesh(p: Parser) -> None:
     )
     group.add_argument(
         "--size",
-        type=_length,
+        type=words.length,
         default=0.0,
         metavar="MM",
         help="largest edge along the faces (default: as the shell's elements are)",
     )
     group.add_argument(
         "--face-size",
-        type=_face_size,
+        type=words.face_size,
         action="append",
         default=[],
         dest="face_sizes",
@@ -458,14 +323,14 @@ def _add_mesh(p: Parser) -> None:
     )
     group.add_argument(
         "--gradation",
-        type=_density("gradation"),
+        type=words.density("gradation"),
         default=0.5,
         metavar="G",
         help="by how many mm the size grows a mm away from a face of its own size (default: 0.5)",
     )
     group.add_argument(
         "--fem-layers",
-        type=_density("layers", int),
+        type=words.density("layers", int),
         default=0,
         metavar="N",
         help="layers of wedges through the shell, up to 100; 0: the shell's own where nothing is "
@@ -473,7 +338,7 @@ def _add_mesh(p: Parser) -> None:
     )
     group.add_argument(
         "--layer-growth",
-        type=_density("growth"),
+        type=words.density("growth"),
         default=1.3,
         metavar="R",
         help="height of each layer of wedges over that of the one outside of it, 1 to 3 "
@@ -488,7 +353,7 @@ def _add_mesh(p: Parser) -> None:
     )
     group.add_argument(
         "--export",
-        type=_formats,
+        type=words.formats,
         action="extend",
         default=[],
         metavar="LIST",
