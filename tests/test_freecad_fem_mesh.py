@@ -27,7 +27,7 @@ from remeshed import meshed, shelled
 
 import HybridVolume
 from HybridVolume.core.density import Density
-from HybridVolume.objects import coverage, density, document
+from HybridVolume.objects import density, document, node_search
 from HybridVolume.objects.analysis import problems
 from HybridVolume.objects.coverage import Places, cover
 from HybridVolume.objects.fem_mesh import arrays_of, build, differences, element_numbers
@@ -163,10 +163,10 @@ def test_what_the_search_of_freecad_misses_is_told():
 def test_a_node_beside_a_face_is_noticed_even_where_nobody_looked(monkeypatch):
     body, volume = made("torus")
     fem = volume.fem
-    monkeypatch.setattr(coverage, "SAMPLED_NODES", 16 * 4)
+    monkeypatch.setattr(node_search, "SAMPLED_NODES", 16 * 4)
     around = np.concatenate([fem.face_nodes(f) for f in fem.face_names if f != "Face5"])
     inside = np.setdiff1d(fem.face_nodes("Face5"), around)
-    (node, *_) = np.setdiff1d(inside, coverage._spread(fem.face_nodes("Face5"), 4))
+    (node, *_) = np.setdiff1d(inside, node_search.spread_out(fem.face_nodes("Face5"), 4))
 
     def covered(off, places=True):
         nodes = fem.nodes.copy()
@@ -219,8 +219,8 @@ def test_a_face_so_wide_that_it_takes_its_neighbours():
 
 def test_of_many_faces_some_are_looked_at_and_all_are_measured(monkeypatch):
     body, volume = made("torus")
-    monkeypatch.setattr(coverage, "SAMPLED_FACES", 5)
-    monkeypatch.setattr(coverage, "SAMPLED_NODES", 16 * 4)
+    monkeypatch.setattr(node_search, "SAMPLED_FACES", 5)
+    monkeypatch.setattr(node_search, "SAMPLED_NODES", 16 * 4)
     fem = volume.fem
     places = Places.of(fem, volume.surface, body)
     found = cover(arrays_of(fem), body.shape, places, seconds=0.0)
@@ -229,7 +229,7 @@ def test_of_many_faces_some_are_looked_at_and_all_are_measured(monkeypatch):
     # without parameters of the nodes nothing else tells where they are: all faces are looked at
     assert cover(arrays_of(fem), body.shape, seconds=0.0).searched == 16 * 4
     # what is missed on one of the five is looked for on all
-    search = coverage._Search(
+    search = node_search.Search(
         arrays := arrays_of(fem),
         {name: np.unique(rows) for name, (_, rows) in arrays.faces.items()},
         body.shape.translated(FreeCAD.Vector(0.0, 0.0, 1e-3)),
@@ -241,7 +241,7 @@ def test_of_many_faces_some_are_looked_at_and_all_are_measured(monkeypatch):
 
 def test_an_edge_without_nodes_is_told():
     body, volume = made("small box")
-    search = coverage._Search(
+    search = node_search.Search(
         arrays := arrays_of(volume.fem),
         {name: np.unique(rows) for name, (_, rows) in arrays.faces.items()},
         body.shape.translated(FreeCAD.Vector(0.0, 0.0, 1e-4)),

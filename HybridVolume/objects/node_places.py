@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from HybridVolume.sources.distances import surface_distances
 from HybridVolume.sources.faces import distance_of_points
 
 if TYPE_CHECKING:
@@ -31,12 +32,16 @@ class Places:
         Patch of each node of the mesh, -1 inside.
     uv : (n, 2) array
         Its parameters there.
+    tolerance : float
+        How far beside the CAD faces the patches of a covered body may be, mm; 0 where each CAD
+        face is a patch itself.
     """
 
     surface: PatchSurface
     body: Body
     patch: np.ndarray
     uv: np.ndarray
+    tolerance: float = 0.0
 
     @classmethod
     def of(cls, fem: FiniteElementMesh, surface: PatchSurface, body: Body) -> Places | None:
@@ -47,10 +52,14 @@ class Places:
         uv = np.full((len(fem.nodes), 2), np.nan)
         patch[fem.surface_nodes] = fem.surface_patch
         uv[fem.surface_nodes] = fem.surface_uv
-        return cls(surface, body, patch, uv)
+        tolerance = body.cover.tolerance if body.cover is not None else 0.0
+        return cls(surface, body, patch, uv, tolerance)
 
     def distances(self, known: Mapping[str, np.ndarray], nodes: np.ndarray) -> dict[str, float]:
         """Largest distance of nodes from their CAD faces at their own parameters, mm.
+
+        On a covered body the nearest points of the faces' surfaces count: its patches have
+        parameters of their own.
 
         Parameters
         ----------
@@ -59,6 +68,12 @@ class Places:
         nodes : (n, 3) array
             All nodes.
         """
+        if self.body.cover is not None:
+            faces = self.body.shape.Faces
+            return {
+                name: float(surface_distances(faces[_number(name) - 1], nodes[own]).max())
+                for name, own in known.items()
+            }
         faces = [self._by_name[name] for name in known]
         sizes = [len(numbers) for numbers in known.values()]
         node = np.concatenate(list(known.values()))
@@ -88,7 +103,7 @@ class Places:
         patches = {patch.face: k for k, patch in enumerate(self.surface.patches)}
         faces = self.body.shape.Faces
         return {
-            face.name: (patches[face.name], faces[int(face.name.removeprefix("Face")) - 1], domain)
+            face.name: (patches[face.name], faces[_number(face.name) - 1], domain)
             for face, domain in zip(self.body.faces, self.body.domains, strict=True)
         }
 
@@ -109,3 +124,7 @@ class Places:
             best = np.linalg.norm(at - points[others, None], axis=2).argmin(axis=1)
             uv[others] = tried[np.arange(len(others)), best]
         return uv
+
+
+def _number(name: str) -> int:
+    return int(name.removeprefix("Face"))
