@@ -17,7 +17,9 @@ be positive.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from math import comb
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,6 +32,8 @@ if TYPE_CHECKING:
 
 VANISHING = 1e-9
 """Share of a span's largest normal coefficient below which a normal is zero."""
+SAMPLED = 1e-9
+"""Share of its magnitude to which a normal must be known if it is interpolated from values."""
 BESIDE = 0.96
 """Places beside singular ones are drawn to the middle of the span by this factor."""
 
@@ -85,6 +89,16 @@ def _nets(control_points: np.ndarray, group: ElementGroup, rational: bool) -> No
     else:
         net = group.bezier(points)
         totals = (2 * p - 1, 2 * q - 1)
+    # sums of absolute values: sum |B_i'| <= 2 p, sum |B_i| = 1
+    reach = np.abs(net[..., :3]).max(axis=(1, 2, 3))
+    magnitude = (6.0 if rational else 2.0) * (2 * p * reach) * (2 * q * reach)
+    # extraction twice, sums over p + 1 and q + 1 terms with rounded tables, in two or three factors
+    roundings = 3 * (3 * (p + 1) + 3 * (q + 1) + 12) + sum(n + 3 for n in totals) + 12
+    inverses = [lobatto_inverse(n) for n in totals]
+    factor = inverses[0][1] * inverses[1][1] * gamma(roundings)
+    if factor > SAMPLED:
+        roundings += 2 * (p + 1) * (q + 1) + 3 * (p + q)
+        return NormalNets(group, _by_products(net, rational), gamma(roundings) * magnitude)
     nodes = [lobatto_nodes(n) for n in totals]
     values, slopes = (
         [bernstein(d, x, k) for d, x in zip((p, q), nodes, strict=True)] for k in (0, 1)
@@ -95,9 +109,6 @@ def _nets(control_points: np.ndarray, group: ElementGroup, rational: bool) -> No
         return np.einsum("bj,eajc->eabc", right, half)
 
     a_u, a_v = at(slopes[0], values[1]), at(values[0], slopes[1])
-    # sums of absolute values: sum |B_i'| <= 2 p, sum |B_i| = 1
-    reach = np.abs(net[..., :3]).max(axis=(1, 2, 3))
-    magnitude = (6.0 if rational else 2.0) * (2 * p * reach) * (2 * q * reach)
     if rational:
         a = at(values[0], values[1])
         w, w_u, w_v = (x[..., 3:] for x in (a, a_u, a_v))
@@ -105,13 +116,43 @@ def _nets(control_points: np.ndarray, group: ElementGroup, rational: bool) -> No
         normals = w * np.cross(a_u, a_v) - w_v * np.cross(a_u, a) - w_u * np.cross(a, a_v)
     else:
         normals = np.cross(a_u, a_v)
-    inverses = [lobatto_inverse(n) for n in totals]
     half = np.einsum("ai,eijc->eajc", inverses[0][0], normals)
     coefficients = np.einsum("bj,eajc->eabc", inverses[1][0], half)
-    # extraction twice, sums over p + 1 and q + 1 terms with rounded tables, in two or three factors
-    roundings = 3 * (3 * (p + 1) + 3 * (q + 1) + 12) + sum(n + 3 for n in totals) + 12
-    error = inverses[0][1] * inverses[1][1] * gamma(roundings) * magnitude
-    return NormalNets(group, coefficients, error)
+    return NormalNets(group, coefficients, factor * magnitude)
+
+
+def _by_products(net: np.ndarray, rational: bool) -> np.ndarray:
+    """Coefficients of normals as sums of products of those of the span.
+
+    No values are interpolated, so high degrees lose nothing: every coefficient is a mean of
+    products. Rational ones come out a degree higher than they are.
+    """
+    u, v = (np.diff(net, axis=axis) * (net.shape[axis] - 1) for axis in (1, 2))
+    if not rational:
+        return _product(u, v, np.cross)
+    a, w = net[..., :3], net[..., 3:]
+    (a_u, w_u), (a_v, w_v) = ((x[..., :3], x[..., 3:]) for x in (u, v))
+    return (
+        _product(w, _product(a_u, a_v, np.cross), np.multiply)
+        - _product(w_v, _product(a_u, a, np.cross), np.multiply)
+        - _product(w_u, _product(a, a_v, np.cross), np.multiply)
+    )
+
+
+def _product(a: np.ndarray, b: np.ndarray, of: Callable) -> np.ndarray:
+    """Bernstein coefficients (ne, ., ., 3) of a product of polynomials on the square."""
+    shape = [m + n - 1 for m, n in zip(a.shape[1:3], b.shape[1:3], strict=True)]
+    a, b = a * _binomials(a.shape[1:3]), b * _binomials(b.shape[1:3])
+    found = np.zeros((len(a), *shape, 3))
+    for i, j in np.ndindex(a.shape[1:3]):
+        found[:, i : i + b.shape[1], j : j + b.shape[2]] += of(a[:, i : i + 1, j : j + 1], b)
+    return found / _binomials(shape)
+
+
+def _binomials(shape: Sequence[int]) -> np.ndarray:
+    """Products of the binomials of two directions, (n1, n2, 1)."""
+    rows = [np.array([comb(n - 1, i) for i in range(n)], dtype=float) for n in shape]
+    return np.multiply.outer(*rows)[..., None]
 
 
 def singular_flags(nets: NormalNets) -> np.ndarray:
