@@ -110,8 +110,18 @@ def complete_file(options: argparse.Namespace, screen: Screen) -> int:
         Options(**options_of(parameters))  # refuses what is out of range before the long work
         geometry = _Geometry(options.midstructure) if _names_file(options) else None
         surfacing = sources.Surfacing(options.scheme, options.steps, options.sharp_angle)
-        bodies = sources.read_file(options.body, surfacing)
+        bodies = sources.read_file(
+            options.body,
+            surfacing,
+            cover=options.cover,
+            tolerance=options.cover_tolerance,
+            free_only=options.free_only,
+            python=python,
+            progress=screen.progress,
+        )
         for body in bodies:
+            if body.cover is not None:
+                screen.line(f"{body.name}: {body.origin['geometry']['sentence']}")
             for note in body.origin.get("mesh", {}).get("notes", ()):
                 screen.line(f"{body.name}: {note}")
         check_named_faces(options.decisions, bodies)
@@ -254,11 +264,16 @@ def check_faces(texts: Sequence[str], bodies: Sequence[Any], what: str = "factor
     usable = [body for body in bodies if not body.error]
     for text in texts:
         if usable and not any(faces_about([text], body, what) for body in usable):
-            most = max(len(body.faces) for body in usable)
+            most = max(map(_face_count, usable))
             raise InputError(
                 f"the {what} {text}: no body has this face",
                 remedy=f"name one of Face1 to Face{most}",
             )
+
+
+def _face_count(body: Any) -> int:
+    """Faces of a body, each of which may have many patches."""
+    return len({face.name for face in body.faces})
 
 
 def check_named_faces(decisions: Sequence[str], bodies: Sequence[Any]) -> None:
@@ -271,7 +286,7 @@ def check_named_faces(decisions: Sequence[str], bodies: Sequence[Any]) -> None:
     usable = [body for body in bodies if not body.error]
     for text in decisions:
         if usable and not any(decisions_about([text], body) for body in usable):
-            most = max(len(body.faces) for body in usable)
+            most = max(map(_face_count, usable))
             raise InputError(
                 f"{text}: no body has these faces", remedy=f"name two of Face1 to Face{most}"
             )

@@ -21,6 +21,7 @@ import numpy as np
 
 from HybridVolume import __version__
 from HybridVolume.errors import FaultError, HybridVolumeError
+from HybridVolume.geometry_figures import with_moves
 
 if TYPE_CHECKING:
     from HybridVolume.core.finite_elements import FiniteElementMesh
@@ -58,9 +59,10 @@ def volume_report(
     shell, interior = volume.shell, volume.interior
     shell_part = shell_figures(shell, volume)
     told = [shell_part["sentence"]] if shell_part["sentence"] else []
+    given = input_part(source, volume.surface)
     return {
         "version": SCHEMA,
-        "input": {**source, **surface_figures(volume.surface)},
+        "input": given,
         "evening": evening_part(volume.report.get("evening", {})),
         "midstructure": midstructure_figures(
             volume.midstructure, volume.report.get("search", {}), shell.w0
@@ -80,7 +82,12 @@ def volume_report(
             "gap_volume": float(volume.gap_volume),
         },
         "fem": fem_figures(volume.fem),
-        "notes": [*told, *shell.notes, *midstructure_notes(volume.midstructure)],
+        "notes": [
+            *geometry_notes(given),
+            *told,
+            *shell.notes,
+            *midstructure_notes(volume.midstructure),
+        ],
         "seconds": {**seconds, "total": sum(seconds.values())},
         "peak_memory_mb": peak_memory_mb(),
         "versions": versions(),
@@ -101,18 +108,54 @@ def stage_report(
     """
     from HybridVolume.core.pipeline import search_figures
 
+    given = input_part(source, stage.surface)
     return {
         "version": SCHEMA,
-        "input": {**source, **surface_figures(stage.surface)},
+        "input": given,
         "evening": evening_part(stage.evening),
         "midstructure": midstructure_figures(
             stage.midstructure, search_figures(options), options.w0
         ),
-        "notes": midstructure_notes(stage.midstructure),
+        "notes": [*geometry_notes(given), *midstructure_notes(stage.midstructure)],
         "seconds": {**seconds, "total": sum(seconds.values())},
         "peak_memory_mb": peak_memory_mb(),
         "versions": versions(),
     }
+
+
+def input_part(source: Mapping[str, Any], surface: PatchSurface) -> dict[str, Any]:
+    """What is known about the input, and the figures of its surface.
+
+    Parameters
+    ----------
+    source : mapping
+        With ``geometry``, as :func:`HybridVolume.geometry_figures.geometry_figures` gives it, the
+        faces are counted by what became of them there; else by their patches.
+    surface : PatchSurface
+    """
+    found = {**source, **surface_figures(surface)}
+    if "geometry" in source:
+        moved = surface.moved > _ROUNDING * surface.diagonal
+        moves: dict[str, float] = {}
+        for k in np.flatnonzero(moved).tolist():
+            name = surface.patches[k].face
+            moves[name] = max(moves.get(name, 0.0), float(surface.moved[k]))
+        found["geometry"] = with_moves(source["geometry"], moves)
+        counts = found["geometry"]["counts"]
+        found |= {f"faces_{kind}": count for kind, count in counts.items()}
+    return found
+
+
+def geometry_notes(given: Mapping[str, Any]) -> list[str]:
+    """Tell of a covered body what became of its faces.
+
+    Parameters
+    ----------
+    given : mapping
+        As :func:`input_part` gives it.
+    """
+    geometry = given.get("geometry", {})
+    return [geometry["sentence"]] if geometry.get("tolerance") is not None else []
 
 
 def surface_figures(surface: PatchSurface) -> dict[str, Any]:

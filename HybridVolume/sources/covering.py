@@ -28,13 +28,14 @@ import numpy as np
 from .. import errors
 from ..core.covering.cover import Cover
 from ..core.covering.exchange import BREP, ERROR, read_cover, write_body
-from ..core.covering.kinds import kinds_of_origins
+from ..core.covering.kinds import BIT, EXACT, kinds_of_origins
 from ..core.surface import SplineFace
 from ..protocol import Progress, parse_line
 from ..worker_process import WorkerProcess, tail, worker_python
 from .exact_geometry import curves_of, surfaces_of
-from .imprint import imprint_seams
+from .imprint import Imprinted, imprint_seams
 from .outlines import outline_of
+from .untrimmed import take_faces
 
 logger = logging.getLogger(__name__)
 
@@ -162,7 +163,8 @@ class Covering:
         try:
             self._python = worker_python(self._python)
             self._prepare()
-            self._launch()
+            if self.state == "running":
+                self._launch()
         except errors.HybridVolumeError as error:
             self._end(error)
 
@@ -245,6 +247,10 @@ class Covering:
         """Cut the seams, describe the solid."""
         imprinted = imprint_seams(self.solid)
         self._given = imprinted.origin
+        whole = _whole_patches(imprinted, self.tolerance)
+        if whole is not None:
+            self._end(whole)
+            return
         try:
             outline = outline_of(imprinted.solid)
             geometry = curves_of(imprinted.solid), surfaces_of(imprinted.solid)
@@ -362,6 +368,23 @@ class Covering:
                 remedy="please report this body",
             )
         return Covered(tuple(named), own, worst, cover.quads, kinds, self.tolerance)
+
+
+def _whole_patches(imprinted: Imprinted, tolerance: float) -> Covered | None:
+    """The cover of a solid that needed nothing but its seams cut; None of any other."""
+    try:
+        readings = take_faces(imprinted.solid)
+    except errors.InputError:
+        return None
+    kinds = kinds_of_origins(
+        [EXACT if reading.face.exact and reading.domain is None else BIT for reading in readings],
+        imprinted.origin,
+    )
+    faces = tuple(
+        replace(reading.face, name=f"Face{number + 1}")
+        for reading, number in zip(readings, imprinted.origin.tolist(), strict=True)
+    )
+    return Covered(faces, imprinted.origin, np.zeros(len(kinds)), len(faces), kinds, tolerance)
 
 
 _MEMORY: OrderedDict[tuple, Covered | errors.HybridVolumeError] = OrderedDict()

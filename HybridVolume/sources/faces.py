@@ -66,7 +66,7 @@ def take_face(face: Any, name: str, diagonal: float) -> FaceReading | Refusal:
     edges = face_edges(face)
     if any(edge.Degenerated for edge in edges):
         return Refusal("pole")
-    if any(edge.isSeam(face) for edge in edges):
+    if seam_edges(face):
         return Refusal("seam")
     if len(face.Wires) != 1 or len(edges) < 4:
         return Refusal("trimmed")
@@ -97,6 +97,21 @@ def face_edges(face: Any) -> list:
                 alike.append(edge)
                 edges.append(edge)
     return edges
+
+
+def seam_edges(face: Any) -> list:
+    """Edges that bound a face on both sides."""
+    # isSeam is also true of the pieces beside a former seam, which have a curve each on one
+    # surface; all edges of a wire are listed twice or once by the version of FreeCAD
+    found = []
+    for wire in face.Wires:
+        known: dict[int, list] = {}
+        for edge in wire.OrderedEdges:
+            alike = known.setdefault(edge.hashCode(), [])
+            if not edge.Degenerated and any(edge.isSame(other) for other in alike):
+                found.append(edge)
+            alike.append(edge)
+    return found
 
 
 def _take_rectangle(

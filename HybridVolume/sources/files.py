@@ -44,6 +44,11 @@ def read_file(
         One of its kinds: the file cannot be read, holds no body, or every body is refused.
     """
     if Path(path).suffix.lower() in MESH_SUFFIXES:
+        if keywords.get("tolerance") is not None:
+            raise InputError(
+                f"{Path(path).name} is a mesh: it needs no cover",
+                remedy="leave its tolerance out",
+            )
         return read_mesh(path, surfacing)
     if surfacing not in (None, Surfacing()):
         raise InputError(

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from .. import errors
+from .faces import seam_edges
 
 logger = logging.getLogger(__name__)
 
@@ -43,16 +44,7 @@ class Imprinted:
 
 def has_seam(face: Any) -> bool:
     """Whether an edge bounds a face on both sides."""
-    # isSeam is also true of the pieces beside a former seam, which have a curve each on one
-    # surface; all edges of a wire are listed twice or once by the version of FreeCAD
-    for wire in face.Wires:
-        known: dict[int, list] = {}
-        for edge in wire.OrderedEdges:
-            alike = known.setdefault(edge.hashCode(), [])
-            if not edge.Degenerated and any(edge.isSame(other) for other in alike):
-                return True
-            alike.append(edge)
-    return False
+    return bool(seam_edges(face))
 
 
 def seam_cuts(face: Any) -> list:

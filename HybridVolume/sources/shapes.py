@@ -5,33 +5,23 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from .. import errors
+from ..core.covering.kinds import BIT, EXACT
 from ..core.polygons import PolygonMesh
 from ..core.surface import SplineFace
+from ..geometry_figures import geometry_figures
 from ..protocol import Progress
 from .contacts import find_point_contacts
 from .covering import Covered, Covering, is_known
-from .faces import FaceReading, Refusal, face_edges, take_face
-from .geometry import converted_geometry, covered_geometry
+from .untrimmed import COVERED, count_of, free_faces, take_faces
 
 logger = logging.getLogger(__name__)
-
-_UNTRIM = "give a body whose faces are whole, four-sided NURBS patches"
-
-_COVERED = (
-    errors.TrimmedFaceError,
-    errors.SeamError,
-    errors.DegenerateSideError,
-    errors.TJunctionError,
-    errors.InexactFaceError,
-)
-"""Faces that are no patches, but can be covered with some."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +67,7 @@ class Body:
         converted face has other parameters.
     origin : dict
         What is known about where the body comes from, for the report: ``geometry``, see
-        :mod:`.geometry`; of a mesh file ``mesh``.
+        :mod:`..geometry_figures`; of a mesh file ``mesh``.
     mesh : MeshOrigin or None
         The mesh itself that it was made from.
     cover : Covered or None
@@ -154,7 +144,7 @@ def coverings(
     return [
         Covering(solid, tolerance, free_only=free_only, python=python, name=name)
         for solid, name, body in zip(solids, names, _read_solids(names, solids), strict=True)
-        if isinstance(body.error, _COVERED) and not is_known(solid, tolerance, free_only=free_only)
+        if isinstance(body.error, COVERED) and not is_known(solid, tolerance, free_only=free_only)
     ]
 
 
@@ -221,7 +211,7 @@ def read_shape(
     names = _body_names(name, len(solids))
     bodies = _read_solids(names, solids)
     for k, body in enumerate(bodies if cover else ()):
-        if isinstance(body.error, _COVERED):
+        if isinstance(body.error, COVERED):
             covering = Covering(
                 body.shape, tolerance, free_only=free_only, python=python, name=body.name
             )
@@ -239,10 +229,10 @@ def _body_names(name: str, count: int) -> list[str]:
 
 
 def _read_solids(names: Sequence[str], solids: Sequence[Any]) -> list[Body]:
-    """Solids as they are; those with faces that are no patches carry an error of `_COVERED`."""
+    """Solids as they are; those with faces that are no patches carry an error of `COVERED`."""
     bodies = [_read_solid(solid, own) for solid, own in zip(solids, names, strict=True)]
     usable = [
-        k for k, body in enumerate(bodies) if not body.error or isinstance(body.error, _COVERED)
+        k for k, body in enumerate(bodies) if not body.error or isinstance(body.error, COVERED)
     ]
     contacts = find_point_contacts([solids[k] for k in usable], [names[k] for k in usable])
     for k, error in zip(usable, contacts, strict=True):
@@ -259,13 +249,20 @@ def _covered(covering: Covering, progress: Callable[[str, Progress], None] | Non
         raise
     except errors.HybridVolumeError as error:
         return Body(covering.name, (), covering.solid, error)
+    figures = geometry_figures(
+        cover.kinds,
+        np.bincount(cover.origin, minlength=len(cover.kinds)).tolist(),
+        cover.deviation.tolist(),
+        _areas(covering.solid),
+        cover.tolerance,
+    )
     return Body(
         covering.name,
         cover.faces,
         covering.solid,
         None,
         (None,) * len(cover.faces),
-        {"geometry": covered_geometry(covering.solid, cover)},
+        {"geometry": figures},
         cover=cover,
     )
 
@@ -274,8 +271,9 @@ def _raise_all(bodies: list[Body]) -> None:
     first = bodies[0].error
     if len(bodies) == 1:
         raise first
+    others = count_of(len(bodies) - 1, "more solid")
     raise type(first)(
-        f"{first.message} ({bodies[0].name}; {_count(len(bodies) - 1, 'more solid')} refused too)",
+        f"{first.message} ({bodies[0].name}; {others} refused too)",
         faces=first.faces,
         figure=first.figure,
         remedy=first.remedy,
@@ -296,191 +294,39 @@ def _solids(shape: Any) -> list:
         return [Part.Solid(shell) for shell in closed]
     if not shape.Faces:
         raise errors.OpenBodyError(
-            f"there is no solid and no face, only {_count(len(shape.Edges), 'edge')}"
-            f" and {_count(len(shape.Vertexes), 'vertex', 'vertices')}",
+            f"there is no solid and no face, only {count_of(len(shape.Edges), 'edge')}"
+            f" and {count_of(len(shape.Vertexes), 'vertex', 'vertices')}",
             figure=0.0,
             remedy="give a closed solid",
         )
-    free = _free_faces(shape.Faces)
+    free = free_faces(shape.Faces)
     raise errors.OpenBodyError(
-        f"there is no closed solid, only {_count(len(shape.Faces), 'loose face')}",
+        f"there is no closed solid, only {count_of(len(shape.Faces), 'loose face')}",
         faces=free or [f"Face{i + 1}" for i in range(len(shape.Faces))],
         figure=float(len(free)),
         remedy="sew the faces and make a solid of them",
     )
 
 
-def _count(number: int, one: str, many: str = "") -> str:
-    return f"{number} {one if number == 1 else many or one + 's'}"
-
-
-class EdgeUses:
-    """How often each edge of a set of faces is used, and by which faces."""
-
-    def __init__(self, faces: Iterable) -> None:
-        self._buckets: dict[int, list[tuple[Any, list[int]]]] = {}
-        for number, face in enumerate(faces):
-            for edge in face_edges(face):
-                if not edge.Degenerated:
-                    self._slot(edge).extend([number] * (2 if edge.isSeam(face) else 1))
-
-    def _slot(self, edge: Any) -> list[int]:
-        bucket = self._buckets.setdefault(edge.hashCode(), [])
-        for known, uses in bucket:
-            if known.isSame(edge):
-                return uses
-        bucket.append((edge, []))
-        return bucket[-1][1]
-
-    def faces_where(self, count: Any) -> list[int]:
-        """Numbers of the faces with an edge whose number of uses satisfies ``count``."""
-        return sorted(
-            {
-                k
-                for bucket in self._buckets.values()
-                for _, uses in bucket
-                if count(len(uses))
-                for k in uses
-            }
-        )
-
-
-def _free_faces(faces: list) -> list[str]:
-    return _names(EdgeUses(faces).faces_where(lambda n: n == 1))
-
-
-def _names(numbers: Iterable[int]) -> list[str]:
-    return [f"Face{k + 1}" for k in numbers]
-
-
 def _read_solid(solid: Any, name: str) -> Body:
     try:
-        readings = _take_faces(solid)
+        readings = take_faces(solid)
     except errors.InputError as error:
         return Body(name, (), solid, error)
     faces = tuple(reading.face for reading in readings)
+    kinds = [EXACT if face.exact else BIT for face in faces]
+    count = len(faces)
+    figures = geometry_figures(kinds, [1] * count, [0.0] * count, _areas(solid))
     return Body(
         name,
         faces,
         solid,
         None,
         tuple(reading.domain for reading in readings),
-        {"geometry": converted_geometry(solid, faces)},
+        {"geometry": figures},
     )
 
 
-def _take_faces(solid: Any) -> list[FaceReading]:
-    faces = solid.Faces
-    box = solid.BoundBox
-    if not faces or not np.isfinite(box.DiagonalLength):
-        raise errors.InputError("the solid has no faces", remedy="give a closed solid")
-    uses = EdgeUses(faces)
-    crowded = uses.faces_where(lambda n: n > 2)
-    if crowded:
-        raise errors.NonManifoldError(
-            "more than two faces meet at an edge",
-            faces=_names(crowded),
-            figure=float(len(crowded)),
-            remedy="give solids that are joined in faces, or separate solids",
-        )
-    free = uses.faces_where(lambda n: n == 1)
-    if free:
-        raise errors.OpenBodyError(
-            f"the body is open: {_count(len(free), 'face')} of {len(faces)}"
-            f" {'has' if len(free) == 1 else 'have'} an edge without a neighbour",
-            faces=_names(free),
-            figure=float(len(free)),
-            remedy="close the body and make a solid of it",
-        )
-    found = [take_face(f, f"Face{i + 1}", box.DiagonalLength) for i, f in enumerate(faces)]
-    _refuse(faces, found)
-    return found
-
-
-_REASONS = {
-    "pole": (
-        errors.DegenerateSideError,
-        ("ends in a pole (a side without length)", "end in a pole (a side without length)"),
-        ("pole face", "pole faces"),
-        "rebuild the body with four-sided faces only",
-    ),
-    "seam": (
-        errors.SeamError,
-        ("meets itself along a seam", "meet themselves along a seam"),
-        ("seam face", "seam faces"),
-        "split the face along iso-parameter lines",
-    ),
-    "t-junction": (
-        errors.TJunctionError,
-        ("has a side that two neighbours share", "have a side that two neighbours share"),
-        ("face with T-junctions", "faces with T-junctions"),
-        "split the face at the vertex in its side",
-    ),
-    "trimmed": (
-        errors.TrimmedFaceError,
-        ("is trimmed", "are trimmed"),
-        ("trimmed face", "trimmed faces"),
-        _UNTRIM,
-    ),
-    "inexact": (
-        errors.InexactFaceError,
-        ("has no exact NURBS form", "have no exact NURBS form"),
-        ("face without exact NURBS form", "faces without exact NURBS form"),
-        "convert the body to NURBS first",
-    ),
-}
-"""Kinds of refusal, the most telling first: class, words and names (one, many), remedy."""
-
-
-def _refuse(faces: list, found: list[FaceReading | Refusal]) -> None:
-    """Raise one error for all the faces of a body that cannot be taken."""
-    by_kind: dict[str, list[int]] = {}
-    for k, reading in enumerate(found):
-        if isinstance(reading, Refusal):
-            by_kind.setdefault(reading.kind, []).append(k)
-    stops = _t_junctions(faces, found)
-    if stops:
-        by_kind["t-junction"] = stops
-    kinds = [kind for kind in _REASONS if kind in by_kind]
-    if not kinds:
-        return
-    first, numbers = kinds[0], by_kind[kinds[0]]
-    error, words, _, remedy = _REASONS[first]
-    message = f"{len(numbers)} of {_count(len(faces), 'face')} {words[len(numbers) > 1]}"
-    figure = float(len(numbers))
-    if first == "inexact":
-        figure = max(found[k].figure for k in numbers)
-        message += f" (off by {figure:.2g} mm)"
-    others = [_count(len(by_kind[kind]), *_REASONS[kind][2]) for kind in kinds[1:]]
-    if others:
-        message += "; besides " + ", ".join(others)
-    splines = ("Part::GeomBSplineSurface", "Part::GeomBezierSurface")
-    if not any(face.Surface.TypeId in splines for face in faces):
-        message += "; none of its faces is a B-spline face"
-    raise error(message, faces=_names(numbers), figure=figure, remedy=remedy)
-
-
-def _t_junctions(faces: list, found: list[FaceReading | Refusal]) -> list[int]:
-    """Faces with a vertex in a side that is a corner of another face.
-
-    A vertex that stands in the middle of a side for every face around it does no harm.
-    """
-    middle: dict[int, list[tuple[Any, set[int]]]] = {}
-    for k, reading in enumerate(found):
-        for vertex in reading.vertices if isinstance(reading, FaceReading) else ():
-            bucket = middle.setdefault(vertex.hashCode(), [])
-            for known, owners in bucket:
-                if known.isSame(vertex):
-                    owners.add(k)
-                    break
-            else:
-                bucket.append((vertex, {k}))
-    if not middle:
-        return []
-    stopped: set[int] = set()
-    for k, face in enumerate(faces):
-        for vertex in face.Vertexes:
-            for known, owners in middle.get(vertex.hashCode(), ()):
-                if known.isSame(vertex) and k not in owners:
-                    stopped |= owners
-    return sorted(stopped)
+def _areas(solid: Any) -> list[float]:
+    """Areas of the faces, mm^2."""
+    return [float(face.Area) for face in solid.Faces]

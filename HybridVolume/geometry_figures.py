@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""What became of the faces of a body, for the report: bit for bit, exact, or within a tolerance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from HybridVolume.core.covering.kinds import BIT, EXACT, KINDS, TOLERANCE
+
+
+def geometry_figures(
+    kinds: Sequence[str],
+    patches: Sequence[int],
+    deviation: Sequence[float],
+    area: Sequence[float],
+    tolerance: float | None = None,
+) -> dict[str, Any]:
+    """Figures of the faces of a body.
+
+    Parameters
+    ----------
+    kinds : sequence of {"bit", "exact", "tolerance"}
+        Of ``Face1``, ``Face2``, ...
+    patches : sequence of int
+        How many each has.
+    deviation : sequence of float
+        Largest distance of its patches from it, mm.
+    area : sequence of float
+        Of each, mm^2.
+    tolerance : float, optional
+        Largest deviation that was allowed, mm; None where every face is one patch itself.
+
+    Returns
+    -------
+    dict
+        ``patches``; ``tolerance`` and ``max_deviation``, mm; ``counts`` of faces and shares of
+        their ``area`` by kind; ``faces``: of each its ``name``, ``kind``, ``patches``,
+        ``deviation`` (mm), ``area`` (mm^2); ``sentence``: the same in words.
+    """
+    rows = [
+        {
+            "name": f"Face{number}",
+            "kind": kind,
+            "patches": int(count),
+            "deviation": float(off),
+            "area": float(size),
+        }
+        for number, (kind, count, off, size) in enumerate(
+            zip(kinds, patches, deviation, area, strict=True), start=1
+        )
+    ]
+    return _of_rows(rows, tolerance)
+
+
+def with_moves(figures: Mapping[str, Any], moves: Mapping[str, float]) -> dict[str, Any]:
+    """The figures after points of faces were moved to close the surface.
+
+    Parameters
+    ----------
+    figures : mapping
+        As :func:`geometry_figures` gives them.
+    moves : mapping of str to float
+        Largest move of a point of a face, mm, by its name; only of those that were moved by more
+        than rounding.
+    """
+    rows = [
+        {**row, "kind": TOLERANCE, "deviation": row["deviation"] + float(moves[row["name"]])}
+        if row["name"] in moves
+        else dict(row)
+        for row in figures["faces"]
+    ]
+    return _of_rows(rows, figures["tolerance"])
+
+
+def _of_rows(rows: list[dict[str, Any]], tolerance: float | None) -> dict[str, Any]:
+    of_kind = {kind: [row for row in rows if row["kind"] == kind] for kind in KINDS}
+    counts = {kind: len(found) for kind, found in of_kind.items()}
+    areas = {kind: sum(row["area"] for row in found) for kind, found in of_kind.items()}
+    whole = sum(areas.values())
+    patches = sum(row["patches"] for row in rows)
+    worst = max(row["deviation"] for row in rows)
+    return {
+        "patches": patches,
+        "tolerance": tolerance,
+        "max_deviation": worst,
+        "counts": counts,
+        "area": {
+            kind: sum(row["area"] for row in found) / whole for kind, found in of_kind.items()
+        },
+        "faces": rows,
+        "sentence": _sentence(counts, patches, worst, tolerance),
+    }
+
+
+def _sentence(
+    counts: Mapping[str, int], patches: int, deviation: float, tolerance: float | None
+) -> str:
+    words = {BIT: "bit for bit", EXACT: "exact", TOLERANCE: f"within {deviation:.2g} mm"}
+    faces = sum(counts.values())
+    told = ", ".join(f"{counts[kind]} {words[kind]}" for kind in KINDS if counts[kind])
+    text = f"{faces} face{'' if faces == 1 else 's'}: {told}"
+    if tolerance is None:
+        return text
+    allowed = f", {tolerance:.2g} mm allowed" if counts[TOLERANCE] else ""
+    return f"{text}; covered with {patches} patches{allowed}"
