@@ -5,7 +5,7 @@
 from .agreement import check_against_cad
 from .covering import Covered, Covering
 from .files import Surfacing, read_file
-from .shapes import Body, coverings, global_shape, read_object, read_shape
+from .shapes import Body, coverings, global_shape, read_object, read_shape, solids_of_object
 
 __all__ = [
     "Body",
@@ -18,4 +18,5 @@ __all__ = [
     "read_file",
     "read_object",
     "read_shape",
+    "solids_of_object",
 ]

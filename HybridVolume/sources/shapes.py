@@ -148,6 +148,23 @@ def coverings(
     ]
 
 
+def solids_of_object(document_object: Any) -> list[tuple[str, Any]]:
+    """Names and solids (Part.Solid) of a document object, as :func:`read_object` has them.
+
+    Nothing is read or covered.
+
+    Raises
+    ------
+    InputError
+        There is no solid.
+    """
+    shape = global_shape(document_object)
+    if shape.isNull():
+        raise errors.InputError("the shape is empty", remedy="give a closed solid")
+    solids = _solids(shape)
+    return [*zip(_body_names(document_object.Label, len(solids)), solids, strict=True)]
+
+
 def global_shape(document_object: Any) -> Any:
     """The shape of a document object (Part.Shape) in global coordinates."""
     import Part
