@@ -97,6 +97,7 @@ def test_keywords_and_parameters_are_one(volume):
         "span_size": 1.5,
         "span_aspect": 4.0,
         "span_turn": 25.0,
+        "cover_tolerance": 0.0625,
         "order": 1,
         "nodes": "knots",
         "subdivide": 2,

@@ -16,15 +16,16 @@ import numpy as np
 
 from HybridVolume.core.hybrid import save_midstructure
 from HybridVolume.errors import FaultError, InputError
-from HybridVolume.sources import check_against_cad, global_shape, read_object
+from HybridVolume.sources import check_against_cad, global_shape
 
-from . import density, spans, thickness
+from . import density, face_geometry, spans, thickness
 from .fem_mesh import AnalysisMesh, PartMesh, inputs_of_mesh, make_mesh_object
 from .inner import make_inner_boundary, stored_volume
 from .mesh_body import make_mesh_body
 from .midstructure import PARAMETERS, insert_found, make_midstructure, search_inputs
 from .prepared_mesh import PARTS, PreparedMesh
 from .properties import include, transaction
+from .stored_body import body_of_volume, body_to_search
 from .stored_mesh import volume_object_of
 from .volume import (
     GEOMETRY,
@@ -184,7 +185,7 @@ def insert_mesh(
     HybridVolumeError
         FreeCAD did not take the whole mesh, or does not find its nodes on the body's faces.
     """
-    read = _solid(body, 1) if body is not None else None
+    read = body_to_search(body, surface) if body is not None else None
     if body is not None and not _stands_still(body):
         raise InputError(
             f"a container moves {body.Label}: the FEM workbench would look for nodes elsewhere",
@@ -258,7 +259,7 @@ def replace_mesh(
             f"the mesh belongs to another shell than that of {obj.Label}",
             remedy="complete the hybrid volume again",
         )
-    body = _solid(obj.Source, obj.Solid)
+    body = body_of_volume(obj, volume.surface)
     prepared = PreparedMesh(volume.fem, body, volume.surface)
     if report is None:
         from HybridVolume.report import volume_report
@@ -282,22 +283,6 @@ def replace_mesh(
         obj.Document.recompute()
         update_status(obj)
     return obj.FemMesh
-
-
-def _solid(source: Any, number: int) -> Body:
-    """One solid of a document object.
-
-    Raises
-    ------
-    InputError
-        It is refused, or there is none of this number.
-    """
-    bodies = read_object(source)
-    if number > len(bodies):
-        raise InputError(f"{source.Label} has no solid {number}", remedy="choose another body")
-    if bodies[number - 1].error is not None:
-        raise bodies[number - 1].error
-    return bodies[number - 1]
 
 
 def _set_density(obj: Any, fem: FiniteElementMesh) -> None:
@@ -371,6 +356,7 @@ def _fill(doc: Any, obj: Any, prepared: Prepared, *, keep_decisions: bool) -> No
     parameters = complete_parameters(one.parameters)
     thickness.set_values(obj, parameters)
     spans.set_values(obj, parameters)
+    face_geometry.set_values(obj, parameters)
     obj.Tolerance = parameters["Tolerance"]
     obj.Solid = one.solid
     for name in PARAMETERS:
@@ -386,7 +372,9 @@ def _fill(doc: Any, obj: Any, prepared: Prepared, *, keep_decisions: bool) -> No
     _fill_meshes(obj, prepared.mesh)
     _fill_midstructure(obj.Midstructure, prepared)
     include(obj, "Result", one.result)
-    obj.Report = flat(prepared.report)
+    geometry = prepared.report["input"].get("geometry")
+    face_geometry.fill(obj, geometry)
+    obj.Report = flat(_without_face_rows(prepared.report))
     shell = prepared.report["shell"]
     obj.W0Reached = shell["w0"]
     obj.ThicknessReached = reached_text(shell)
@@ -396,12 +384,23 @@ def _fill(doc: Any, obj: Any, prepared: Prepared, *, keep_decisions: bool) -> No
     # Body, geometry and decisions may have been edited while the worker was busy: then the result
     # is out of date.
     computed_from = {**inputs_of(parameters), "Source": one.fingerprint}
+    if one.body.cover is None:
+        del computed_from[face_geometry.COVER]
     obj.ComputedFrom = computed_from
     edited = ("Source", GEOMETRY, *(("Midstructure.Decisions",) if keep_decisions else ()))
     stale = [name for name in changes(computed_from, current_inputs(obj)) if name not in edited]
     if stale:
         raise FaultError(f"the document did not take {', '.join(stale)}")
     set_status(obj, UP_TO_DATE)
+
+
+def _without_face_rows(report: Mapping[str, Any]) -> dict[str, Any]:
+    """A report for the property editor: what became of each face has a property of its own."""
+    given = report["input"]
+    if "geometry" not in given:
+        return dict(report)
+    geometry = {name: value for name, value in given["geometry"].items() if name != "faces"}
+    return {**report, "input": {**given, "geometry": geometry}}
 
 
 def _geometry_object(doc: Any, completed: Completed) -> Any:

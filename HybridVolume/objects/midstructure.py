@@ -21,6 +21,7 @@ from HybridVolume.core.midstructure import METHODS, Search
 from HybridVolume.core.midstructure.search import ANGLES, SAMPLES, SIZES
 from HybridVolume.errors import HybridVolumeError, InputError
 
+from . import face_geometry
 from .own_geometry import geometry_fingerprint, tessellate
 from .properties import DocumentObject, Property, include
 
@@ -238,6 +239,9 @@ def search_inputs(obj: Any) -> dict[str, str]:
         texts["Source"] = source_fingerprint(volume.Source)
         texts["Solid"] = str(volume.Solid)
         texts["Tolerance"] = repr(volume.Tolerance)
+        if not volume.ComputedFrom or face_geometry.COVER in volume.ComputedFrom:
+            cover = face_geometry.values_of(volume)
+            texts |= face_geometry.relevant(cover) if cover[face_geometry.COVER] else {}
     return texts
 
 

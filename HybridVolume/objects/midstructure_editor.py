@@ -18,6 +18,7 @@ from HybridVolume.errors import InputError
 from HybridVolume.job import Job, Progress
 from HybridVolume.sources import read_object
 
+from . import face_geometry
 from . import midstructure as objects
 from .properties import transaction
 from .volume import NOT_COMPUTED, current_parameters, options_of, set_status, update_status
@@ -347,7 +348,13 @@ class Editor:
             raise InputError(
                 f"{self.object.Label} belongs to no body", remedy="give the volume a Source"
             )
-        bodies = read_object(volume.Source)
+        tolerance = face_geometry.tolerance_of(face_geometry.values_of(volume))
+        bodies = read_object(
+            volume.Source,
+            tolerance=tolerance,
+            python=keywords.get("python"),
+            free_only=keywords.get("free_only", False),
+        )
         if volume.Solid > len(bodies):
             raise InputError(
                 f"{volume.Source.Label} has no solid {volume.Solid} any more",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from HybridVolume.errors import InputError
 from HybridVolume.sources import global_shape
 
-from . import density, midstructure, spans, thickness
+from . import density, face_geometry, midstructure, spans, thickness
 from .fingerprint import fingerprint
 from .midstructure import UP_TO_DATE
 from .properties import DocumentObject, Property, transaction
@@ -35,7 +35,7 @@ class VolumeObject(DocumentObject):
     Type = "HybridVolume::Volume"
     SCHEMA = 3
     PROPERTIES = {
-        "Source": Property("App::PropertyLink", _PARAMETERS, "The body: closed, of NURBS faces."),
+        "Source": Property("App::PropertyLink", _PARAMETERS, "The body: a closed solid."),
         "Solid": Property(
             "App::PropertyInteger",
             _PARAMETERS,
@@ -45,6 +45,7 @@ class VolumeObject(DocumentObject):
         ),
         **thickness.PROPERTIES,
         **spans.PROPERTIES,
+        **face_geometry.PROPERTIES,
         "Tolerance": Property(
             "App::PropertyFloat",
             _PARAMETERS,
@@ -165,6 +166,7 @@ def start(doc: Any, source: Any, solid: int = 1) -> Any:
 _OWN = {
     **thickness.DEFAULTS,
     **spans.DEFAULTS,
+    **face_geometry.DEFAULTS,
     "Tolerance": VolumeObject.PROPERTIES["Tolerance"].default,
 }
 _FEM = "FemMesh."
@@ -182,6 +184,7 @@ def current_parameters(obj: Any) -> dict[str, Any]:
         For the method ``own`` with the fingerprint of the geometry, ``"Midstructure.Geometry"``.
     """
     values = {**thickness.values_of(obj), **spans.values_of(obj), "Tolerance": obj.Tolerance}
+    values |= face_geometry.values_of(obj)
     child = obj.Midstructure
     if child:
         found = midstructure.parameters(child)
@@ -210,6 +213,7 @@ def inputs_of(parameters: Mapping[str, Any]) -> dict[str, str]:
     values = complete_parameters(parameters)
     texts = {**thickness.relevant(values), "Tolerance": repr(values["Tolerance"])}
     texts |= spans.relevant(values)
+    texts |= face_geometry.relevant(values)
     found = {name: values[f"{_MIDSTRUCTURE}{name}"] for name in midstructure.PARAMETERS}
     relevant = midstructure.relevant(found)
     texts |= {f"{_MIDSTRUCTURE}{name}": text for name, text in relevant.items()}
@@ -232,7 +236,11 @@ def mesh_values(parameters: Mapping[str, Any]) -> dict[str, Any]:
 
 def current_inputs(obj: Any) -> dict[str, str]:
     """What a result of the object would be computed from now, as text by name."""
-    return {**inputs_of(current_parameters(obj)), "Source": source_fingerprint(obj.Source)}
+    texts = {**inputs_of(current_parameters(obj)), "Source": source_fingerprint(obj.Source)}
+    if obj.ComputedFrom and face_geometry.COVER not in obj.ComputedFrom:
+        # a body whose faces are patches themselves is the same with any tolerance
+        del texts[face_geometry.COVER]
+    return texts
 
 
 def options_of(parameters: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from HybridVolume.job import Job, Progress, worker_python
 from HybridVolume.mesh_job import KEYWORDS, check_order, density_keywords
 from HybridVolume.sources import read_object
 
-from . import density, spans
+from . import density, face_geometry, spans
 from . import thickness as shell
 from .mesh_editor import ORDERS, density_values
 from .midstructure import METHODS, own_geometry
@@ -79,6 +79,7 @@ class VolumeEditor:
             own = {name: changed[name] for name in shell.DEFAULTS if name in changed}
             shell.set_values(obj, {**shell.values_of(obj), **own})
             spans.set_values(obj, {**spans.values_of(obj), **changed})
+            face_geometry.set_values(obj, {**face_geometry.values_of(obj), **changed})
             if obj.FemMesh:
                 mesh = {**mesh_parameters(obj.FemMesh), **changed}
                 obj.FemMesh.Order = mesh["FemMesh.Order"]
@@ -117,6 +118,8 @@ class VolumeEditor:
             ``span_size``, ``span_aspect``, ``span_turn``
                 How even the faces' knot spans are made first: longest side (mm), longest over
                 shortest side, turn of the normal (degrees); 0: as the shell needs.
+            ``cover_tolerance``
+                How far patches may be from trimmed faces, mm; 0: 1e-4 of the body's diagonal.
             ``order``
                 Of the FEM mesh, 1 or 2.
             ``nodes``, ``subdivide``, ``size``, ``face_sizes``, ``gradation``, ``fem_layers``, \
@@ -138,7 +141,7 @@ class VolumeEditor:
             document is as it was.
         """
         parameters = self.parameters(**values)
-        fingerprint, bodies = self.read()
+        fingerprint, bodies = self.read(parameters, python=python)
         refused = [body.error for _, body in bodies if body.error]
         if refused:
             raise refused[0]
@@ -158,10 +161,20 @@ class VolumeEditor:
         before = current_parameters(self.volume) if self.volume else complete_parameters({})
         return {**before, **changed_parameters(**values)}
 
-    def read(self) -> tuple[str, list[tuple[int, Body]]]:
+    def read(
+        self, parameters: Mapping[str, Any] | None = None, **keywords: Any
+    ) -> tuple[str, list[tuple[int, Body]]]:
         """Fingerprint of the source, and its solids with their numbers.
 
-        Refused ones carry their error.
+        Refused ones carry their error. Faces that are no patches are covered, which takes a while
+        where it was not done before.
+
+        Parameters
+        ----------
+        parameters : mapping, optional
+            Their ``CoverTolerance`` counts; by default that of the volume.
+        **keywords
+            ``python``, ``free_only``, ``progress`` of `sources.read_object`.
 
         Raises
         ------
@@ -169,7 +182,10 @@ class VolumeEditor:
             The source has no solid, or not that of the volume any more.
         """
         fingerprint = source_fingerprint(self.source)
-        bodies = list(enumerate(read_object(self.source), start=1))
+        parameters = self.parameters() if parameters is None else parameters
+        tolerance = face_geometry.tolerance_of(complete_parameters(parameters))
+        found = read_object(self.source, tolerance=tolerance, **keywords)
+        bodies = list(enumerate(found, start=1))
         if self.volume:
             bodies = [(number, body) for number, body in bodies if number == self.volume.Solid]
             if not bodies:
@@ -238,7 +254,7 @@ def changed_parameters(**values: Any) -> dict[str, Any]:
         A value is out of its range, or there is no such keyword.
     """
     known = ("thickness", "face_factors", "layers", "degree", "spacing", "order", "midstructure")
-    known += tuple(spans.KEYWORDS)
+    known += (*spans.KEYWORDS, "cover_tolerance")
     fine = {name: values.pop(name) for name in KEYWORDS if name in values}
     unknown = sorted(set(values) - set(known))
     if unknown:
@@ -253,6 +269,8 @@ def changed_parameters(**values: Any) -> dict[str, Any]:
     if "spacing" in values:
         found |= shell.spacing_parameters(Spacing.parse(str(values["spacing"])))
     found |= spans.changed_values(values)
+    if "cover_tolerance" in values:
+        found[face_geometry.COVER] = face_geometry.parse_tolerance(values["cover_tolerance"])
     for name, key in (("layers", "Layers"), ("degree", "Degree")):
         if name in values:
             found[key] = int(values[name])
@@ -281,6 +299,7 @@ def keywords_of(parameters: Mapping[str, Any]) -> dict[str, Any]:
         "degree": parameters["Degree"],
         "spacing": shell.spacing_of(parameters).text,
         **spans.options_of(parameters),
+        "cover_tolerance": parameters[face_geometry.COVER],
         "order": orders[parameters["FemMesh.Order"]],
         **density_keywords(density.density_of(mesh_values(parameters))),
     }
