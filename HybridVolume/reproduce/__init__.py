@@ -19,6 +19,7 @@ FIGURES = {
     "midstructure": "the automatic midstructure of all bodies, up to their shells",
     "shell": "shells of many bodies at many levels, and what is demanded of them",
     "quads": "quad meshes and cages: volumes, smoothness, limit surfaces, broken meshes",
+    "steps": "CAD bodies of any faces, the whole way to finite elements",
     "fem": "finite element meshes: patch tests, sums of loads, accuracy",
     "rates2d": "analysis in the plane: rates of the paper's section 4, and higher ones",
     "fig7": "analysis in the plane: the paper's Fig. 7",
