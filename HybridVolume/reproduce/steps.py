@@ -268,6 +268,11 @@ class StepRunner(Runner):
         job.start()
         return job, case, time.perf_counter()
 
+    def _finished(self, case: Case) -> bool:
+        # a fault is no figure: it is tried again
+        found = self.read(case.name)
+        return super()._finished(case) and not found["error"] and found["state"] != "failed"
+
     def _ended(self, job: CaseJob, case: Case, started: float) -> bool:
         over = super()._ended(job, case, started)
         if over:

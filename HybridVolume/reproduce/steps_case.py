@@ -80,12 +80,13 @@ def run_file(path: Path, output: Path, words: list[str], seconds: float) -> dict
     said = logs[1].read_text(encoding="utf-8", errors="replace")
     code = process.returncode
     state = STOPPED if stopped else {0: MADE, 2: REFUSED}.get(code, FAILED)
+    errors = [
+        line.removeprefix("error: ") for line in said.splitlines() if line.startswith("error: ")
+    ]
     return {
         "state": state,
         "code": code,
-        "said": [
-            line.removeprefix("error: ") for line in said.splitlines() if line.startswith("error: ")
-        ],
+        "said": errors or (said.splitlines()[-1:] if state == FAILED else []),
         "traceback": "Traceback" in said,
         "left": sorted(p.name for p in output.rglob("*")) if output.exists() else [],
         "seconds_cpu": spent,
