@@ -207,6 +207,7 @@ def parameters_of(options: argparse.Namespace) -> dict[str, Any]:
         "Layers": options.layers,
         "Degree": options.degree,
         "Tolerance": options.tolerance,
+        "CoverTolerance": options.cover_tolerance or 0.0,
         **{name: getattr(options, keyword) for keyword, name in SPANS.items()},
         "Midstructure.Method": "own" if _names_file(options) else options.midstructure,
         "Midstructure.Samples": options.samples,

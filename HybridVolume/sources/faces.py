@@ -388,10 +388,10 @@ def distance_of_points(
         )
         true = np.array([tuple(surface.value(float(s), float(t))) for s, t in at])
         return float(np.linalg.norm(points - true, axis=1).max())
-    return max(_distance_of_point(FreeCAD.Vector(*point), face) for point in points)
+    return max(distance_of_point(FreeCAD.Vector(*point), face) for point in points)
 
 
-def _distance_of_point(point: Any, face: Any) -> float:
+def distance_of_point(point: Any, face: Any) -> float:
     """Distance of a point from a face, mm."""
     import Part
 
