@@ -111,17 +111,37 @@ def import_mesh(
         raise
 
 
-def read_step(path: str | os.PathLike) -> list[Body]:
+def read_step(
+    path: str | os.PathLike,
+    *,
+    cover: bool = True,
+    cover_tolerance: float | None = None,
+    free_only: bool = False,
+    progress: Callable[[Progress], None] | None = None,
+    python: str | None = None,
+) -> list[Body]:
     """Read the bodies of a STEP or BREP file.
 
     Parameters
     ----------
     path : path
+    cover : bool
+        Cover trimmed faces, and those with seams, poles or T-junctions, with patches; a body that
+        has some is refused otherwise.
+    cover_tolerance : float, optional
+        Largest distance of patches from such faces, mm; 1e-4 of the diagonal by itself.
+    free_only : bool
+        Cover without the GPL parts.
+    progress : callable, optional
+        Called with a :class:`HybridVolume.job.Progress` now and then while bodies are covered.
+    python : str, optional
+        Interpreter for that.
 
     Returns
     -------
     list of Body
-        One a solid; a refused one carries its ``error``.
+        One a solid; a refused one carries its ``error``. ``origin["geometry"]`` tells of every face
+        whether it is kept bit for bit, exactly, or how closely.
 
     Raises
     ------
@@ -133,7 +153,19 @@ def read_step(path: str | os.PathLike) -> list[Body]:
     import_freecad()
     from HybridVolume.sources import read_file
 
-    return read_file(path)
+    return read_file(
+        path,
+        cover=cover,
+        tolerance=cover_tolerance,
+        free_only=free_only,
+        progress=_alone(progress),
+        python=python,
+    )
+
+
+def _alone(progress: Callable[[Progress], None] | None) -> Callable[[str, Progress], None] | None:
+    """Progress of reading told without the body's name."""
+    return None if progress is None else lambda _, news: progress(news)
 
 
 def complete(
@@ -147,6 +179,8 @@ def complete(
     degree: int = 3,
     own: Any = None,
     pictures: str | os.PathLike | None = None,
+    cover: bool = True,
+    cover_tolerance: float | None = None,
     progress: Callable[[Progress], None] | None = None,
     python: str | None = None,
     **options: Any,
@@ -156,7 +190,7 @@ def complete(
     Parameters
     ----------
     body : Body, Part.Shape, App.DocumentObject, PatchSurface or sequence of SplineFace
-        One closed body of untrimmed NURBS faces, mm.
+        One closed body, mm.
     w0 : float
         Thickness of the shell: share of the way to the midstructure, in (0, 1).
     thickness : str or float, optional
@@ -177,6 +211,8 @@ def complete(
     pictures : path, optional
         Folder for the pictures of the stages, ``NAME_field.png`` and the others of
         :data:`HybridVolume.job.PICTURES`.
+    cover, cover_tolerance
+        Of a shape or an object, as for :func:`read_step`.
     progress : callable, optional
         Called with a :class:`HybridVolume.job.Progress` now and then.
     python : str, optional
@@ -199,8 +235,9 @@ def complete(
     """
     if own is not None:
         options.setdefault("midstructure", "own")
+    given = {"cover": cover, "tolerance": cover_tolerance, "progress": _alone(progress)}
     job = Job(
-        faces_of(body),
+        faces_of(body, **given, python=python),
         name=_stem(body),
         options={
             "w0": w0,
@@ -242,6 +279,8 @@ def find_midstructure(
     method: str = "auto",
     *,
     own: Any = None,
+    cover: bool = True,
+    cover_tolerance: float | None = None,
     progress: Callable[[Progress], None] | None = None,
     python: str | None = None,
     **search: Any,
@@ -250,7 +289,7 @@ def find_midstructure(
 
     Parameters
     ----------
-    body, own, progress, python
+    body, own, cover, cover_tolerance, progress, python
         As for :func:`complete`.
     method : {"auto", "medial-axis", "skeleton", "distance", "own"}
     **search
@@ -269,8 +308,9 @@ def find_midstructure(
     """
     if own is not None and method == "auto":
         method = "own"
+    given = {"cover": cover, "tolerance": cover_tolerance, "progress": _alone(progress)}
     job = Job(
-        faces_of(body),
+        faces_of(body, **given, python=python),
         options={"midstructure": method, "strict_decisions": True, **search},
         goal="midstructure",
         own=_own(own),
@@ -344,7 +384,12 @@ def medial_axis(body: Any, samples: int | None = None) -> Midstructure:
 
 
 def to_document(
-    volume: HybridVolume, doc: Any, body: Any, report: dict[str, Any] | None = None
+    volume: HybridVolume,
+    doc: Any,
+    body: Any,
+    report: dict[str, Any] | None = None,
+    *,
+    cover_tolerance: float | None = None,
 ) -> Any:
     """Add a hybrid volume with all its parts to a document, as the workbench does.
 
@@ -356,6 +401,8 @@ def to_document(
         The body that it was computed from.
     report : dict, optional
         Its figures; computed here otherwise.
+    cover_tolerance : float, optional
+        With which the body was covered, mm, where one was given.
 
     Returns
     -------
@@ -363,12 +410,13 @@ def to_document(
     """
     import tempfile
 
-    from HybridVolume import sources
     from HybridVolume.objects import document
     from HybridVolume.objects.volume import parameters_of, source_fingerprint
     from HybridVolume.report import volume_report
 
-    (read,) = sources.read_object(body)
+    read = _body_of(volume, body, cover_tolerance)
+    origin = {"file": body.Label, "bodies": 1, **read.origin}
+    parameters = {**parameters_of(volume), "CoverTolerance": cover_tolerance or 0.0}
     with tempfile.TemporaryDirectory(prefix="hybridvolume-") as folder:
         path = Path(folder) / "result.npz"
         volume.save(path)
@@ -378,8 +426,8 @@ def to_document(
                 solid=1,
                 volume=volume,
                 result=path,
-                report=report or volume_report(volume, {"file": body.Label, "bodies": 1}, {}),
-                parameters=parameters_of(volume),
+                report=report or volume_report(volume, origin, {}),
+                parameters=parameters,
                 fingerprint=source_fingerprint(body),
             )
         )
@@ -387,8 +435,29 @@ def to_document(
     return obj
 
 
-def faces_of(body: Any) -> Sequence[SplineFace]:
+def _body_of(volume: HybridVolume, body: Any, tolerance: float | None) -> Body:
+    """The body that a volume was computed from, with the patches that it has."""
+    from HybridVolume import sources
+    from HybridVolume.objects.stored_body import body_to_search
+
+    if not sources.coverings(body, tolerance=tolerance):
+        # nothing has to be covered, or it was lately
+        (read,) = sources.read_object(body, tolerance=tolerance)
+        names = [patch.face for patch in volume.surface.patches]
+        if names == [face.name for face in read.faces]:
+            return read
+    return body_to_search(body, volume.surface, tolerance)
+
+
+def faces_of(body: Any, **keywords: Any) -> Sequence[SplineFace]:
     """Faces of anything that :func:`complete` takes.
+
+    Parameters
+    ----------
+    body
+        As for :func:`complete`.
+    **keywords
+        How a shape or an object is read, as for :func:`HybridVolume.sources.read_shape`.
 
     Raises
     ------
@@ -404,8 +473,8 @@ def faces_of(body: Any) -> Sequence[SplineFace]:
     if not hasattr(body, "domains"):  # not a Body yet
         from HybridVolume import sources
 
-        is_object = hasattr(body, "Document")
-        bodies = sources.read_object(body) if is_object else sources.read_shape(body)
+        read = sources.read_object if hasattr(body, "Document") else sources.read_shape
+        bodies = read(body, **keywords)
         if len(bodies) > 1:
             raise InputError(
                 f"there are {len(bodies)} bodies", remedy="give one, e.g. shape.Solids[0]"

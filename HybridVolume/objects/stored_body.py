@@ -41,7 +41,9 @@ def body_of_volume(obj: Any, surface: PatchSurface) -> Body:
     return _covered(name, solid, surface, tolerance)
 
 
-def body_to_search(source: Any, surface: PatchSurface | None) -> Body:
+def body_to_search(
+    source: Any, surface: PatchSurface | None, tolerance: float | None = None
+) -> Body:
     """The first solid of an object, for nodes of a mesh to be looked for on it.
 
     Parameters
@@ -49,6 +51,8 @@ def body_to_search(source: Any, surface: PatchSurface | None) -> Body:
     source : App.DocumentObject
     surface : PatchSurface or None
         To whose patches the mesh's nodes belong.
+    tolerance : float, optional
+        Of the cover, mm; 1e-4 of the diagonal by default.
 
     Raises
     ------
@@ -62,7 +66,7 @@ def body_to_search(source: Any, surface: PatchSurface | None) -> Body:
     try:
         return _as_it_is(solid, name)
     except COVERED:
-        return _covered(name, solid, surface, 0.0)
+        return _covered(name, solid, surface, tolerance or 0.0)
 
 
 def _solid(source: Any, number: int) -> tuple[str, Any]:

@@ -72,8 +72,11 @@ def _check_cover(solid: Any, cover: Covered, surface: PatchSurface, allowed: flo
     """Patches of which there are many on a face."""
     number = np.array([number_of(patch.face) for patch in surface.patches])
     (points, _), _ = _random_points(surface)
+    faces = solid.Faces
+    # of patches that were stored it is not known which are exact
+    kinds = cover.kinds or (TOLERANCE,) * len(faces)
     worst = 0.0
-    for k, (face, kind) in enumerate(zip(solid.Faces, cover.kinds, strict=True)):
+    for k, (face, kind) in enumerate(zip(faces, kinds, strict=True)):
         own = np.flatnonzero(number == k)
         if not len(own):
             raise errors.FaultError("the face has no patch", faces=[f"Face{k + 1}"])
