@@ -30,7 +30,7 @@ from .lattice import bicubic_nets
 from .outline import Outline
 from .patches import joined_patches
 from .pillows import corner_angles, pillow_flat_corners
-from .quad_mesh import QuadCover, quad_cover
+from .quad_mesh import Meshers, QuadCover, quad_cover
 from .relaxing import relaxed
 from .rims import Rims, rims_of, spread
 
@@ -102,10 +102,13 @@ def cover_body(
     size = diagonal / share
     fewest = lower_bounds(outline, np.radians(turn), size)
     planar = np.array([is_planar(face) for face in surfaces])
+    meshers = Meshers.available()
     failure: HybridVolumeError | None = None
     for number in range(ROUNDS):
         intervals, sides = assign_intervals(outline, fewest)
-        cover = quad_cover(brep, outline, intervals, sides, size)
+        cover = quad_cover(
+            brep, outline, intervals, sides, size, curves, surfaces, planar, meshers
+        )
         cover, grids, rims, own = _fitted(cover, outline, sides, curves, surfaces, planar)
         bicubic = bicubic_nets(cover, own, surfaces)
         nets = homogeneous_nets(cover, bicubic, rims, planar)

@@ -1,28 +1,41 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""One conforming mesh of quads over the whole boundary of a body, by Gmsh.
+"""One conforming mesh of quads over the whole boundary of a body.
 
-Four-sided faces get regular grids, the others unstructured quads; then every quad is cut in four,
-which turns the triangles that are left over into quads. Gmsh crashes on some bodies, so this runs
-in a process of its own.
+Edges are cut first, and never by a mesher. Four-sided faces get regular grids between these points;
+Gmsh or Netgen mesh the others, and of a face that one of them cannot do well the other's quads are
+taken: all fit together, as their points on edges are the same. Every triangle and quad is cut at
+the middles of its sides, so that only quads are left.
 """
 
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from ...errors import InputError
+from ...errors import FaultError, InputError, MesherError, SetupError
+from ..surface import SplineFace
+from ..tetmesh.door import available_engines
+from .edge_points import EdgePoints, edge_points
+from .face_checks import check_cover
+from .face_quads import FaceQuads, faces_of_answer, grid_of_face
+from .geometry import SplineCurve
+from .mesh_runs import run_mesher
+from .mesher import ADAPTERS, Request
 from .outline import Outline
 
 logger = logging.getLogger(__name__)
 
-MATCH = 1e-5
-"""Edges are told apart by their ends and middles to this share of the diagonal."""
+GOOD = 0.1
+"""Another mesher is asked where the sine of a corner is below this."""
+GRID_GOOD = 0.03
+"""Four-sided faces whose grid is worse get quads of a mesher."""
+SECONDS = 60.0
+"""Longest time of a mesher."""
 
 
 @dataclass(frozen=True)
@@ -50,12 +63,85 @@ class QuadCover:
     rim_edge: np.ndarray
 
 
+@dataclass(frozen=True)
+class Way:
+    """One way to mesh faces: the mesher, its algorithm, quads or triangles first."""
+
+    engine: str
+    algorithm: int = 0
+    quads: bool = True
+
+
+WAYS = (
+    Way("gmsh", 6),  # frontal Delaunay
+    Way("netgen"),
+    Way("gmsh", 1),  # adapts a mesh to the curved face: slower, sturdy
+    Way("netgen", quads=False),
+    Way("gmsh", 5, quads=False),
+)
+"""In this order; ways after the first two only for faces that nobody has meshed yet."""
+
+
+@dataclass
+class Meshers:
+    """The meshers that may be used for a body, and what became of them.
+
+    Attributes
+    ----------
+    ways : list of Way
+        Those that crashed or did not end come last.
+    seconds : float
+        Longest time of each.
+    reasons : list of str
+        Why they failed.
+    """
+
+    ways: list[Way] = field(default_factory=list)
+    seconds: float = SECONDS
+    reasons: list[str] = field(default_factory=list)
+
+    @classmethod
+    def available(cls, *, free: bool | None = None, seconds: float = SECONDS) -> Meshers:
+        """All that are installed.
+
+        Parameters
+        ----------
+        free : bool, optional
+            Nothing under the GPL; by default as the environment says.
+        seconds : float
+            Longest time of each.
+
+        Raises
+        ------
+        SetupError
+            There are none.
+        """
+        engines = [name for name in available_engines(free=free) if name in ADAPTERS]
+        if not engines:
+            raise SetupError(
+                "no mesher of faces is installed or allowed",
+                remedy="make the environment again, or install netgen-mesher",
+            )
+        return cls([way for way in WAYS if way.engine in engines], seconds)
+
+    def failed(self, way: Way, error: MesherError) -> None:
+        """Keep why a way failed; it is the last that is tried from now on."""
+        logger.info("%s", error.message)
+        self.reasons.append(error.message)
+        self.ways.remove(way)
+        self.ways.append(way)
+
+
 def quad_cover(
     brep: Path,
     outline: Outline,
     intervals: np.ndarray,
     sides: dict[int, list[np.ndarray]],
     size: float,
+    curves: Sequence[SplineCurve | None],
+    surfaces: Sequence[SplineFace],
+    planar: np.ndarray,
+    meshers: Meshers | None = None,
 ) -> QuadCover:
     """Mesh a body with quads.
 
@@ -65,143 +151,137 @@ def quad_cover(
         The solid that the outline is of.
     outline : Outline
     intervals : (ne,) int array
-        Parts of each edge before every quad is cut in four.
+        Parts of each edge before every element is cut at its middles.
     sides : dict
         Edges of the sides of the faces that get regular grids.
     size : float
         Largest edge inside the other faces, mm.
+    curves, surfaces : sequences
+        Of its edges and faces.
+    planar : (nf,) bool array
+        Faces in a plane.
+    meshers : Meshers, optional
+        All that are installed by default.
 
     Raises
     ------
     InputError
-        Gmsh fails; what it said is in the message.
+        No mesher does all faces; they are named, and what the meshers said is in the message.
+    FaultError
+        The quads do not close the body.
+    SetupError
+        There is no mesher.
     """
-    import gmsh
-
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.option.setNumber("General.AbortOnError", 0)
-        for name, value in (
-            ("Mesh.RecombineAll", 1),
-            ("Mesh.RecombinationAlgorithm", 1),
-            ("Mesh.SubdivisionAlgorithm", 1),
-            ("Mesh.MinimumCurveNodes", 3),
-            ("Mesh.MeshSizeMax", size),
-            ("Mesh.ElementOrder", 1),
-        ):
-            gmsh.option.setNumber(name, value)
-        gmsh.model.occ.importShapes(str(brep))
-        gmsh.model.occ.synchronize()
-        curve, surface = _tags(gmsh, outline)
-        _prescribe(gmsh, outline, intervals, sides, curve, surface)
-        gmsh.model.mesh.generate(2)
-        return _read(gmsh, curve, surface, outline)
-    except Exception as error:
-        if isinstance(error, InputError):
-            raise
-        # gmsh raises plain exceptions
-        raise InputError(
-            f"Gmsh cannot mesh the faces ({str(error).strip() or type(error).__name__})",
-            remedy="simplify the body in the CAD program",
-        ) from error
-    finally:
-        gmsh.finalize()
+    rims = edge_points(outline, curves, intervals)
+    done: dict[int, FaceQuads] = {}
+    for face, found in sides.items():
+        grid = grid_of_face(face, found, outline, rims, surfaces[face], bool(planar[face]))
+        if grid is not None:
+            done[face] = grid
+    bad = [
+        face
+        for face in range(outline.face_count)
+        if face not in done or done[face].worst < GRID_GOOD
+    ]
+    if bad:
+        meshers = meshers or Meshers.available()
+        used = np.unique(outline.edge)
+        request = _request(brep, outline, intervals, rims, size, used)
+        _mesh(request, bad, done, meshers, (outline, rims, surfaces, planar))
+        missing = [face for face in bad if face not in done]
+        if missing:
+            words = "; ".join(dict.fromkeys(meshers.reasons[-len(WAYS) :]))
+            raise InputError(
+                "no mesher can mesh these faces" + (f" ({words})" if words else ""),
+                faces=[f"Face{face + 1}" for face in missing],
+                figure=float(len(missing)),
+                remedy="merge narrow faces with their neighbours, or split faces that close upon"
+                " themselves, in the CAD program",
+            )
+    return _joined(done, outline, intervals, rims)
 
 
-def _tags(gmsh: object, outline: Outline) -> tuple[np.ndarray, np.ndarray]:
-    """Gmsh's numbers of the outline's edges and faces, by ends and middles, and by edges."""
-    model = gmsh.model
-    tags = [tag for _, tag in model.getEntities(1)]
-    middle, ends = [], []
-    for tag in tags:
-        (first,), (last,) = model.getParametrizationBounds(1, tag)
-        at = model.getValue(1, tag, [first, 0.5 * (first + last), last])
-        points = np.reshape(at, (3, 3))
-        middle.append(points[1])
-        ends.append(points[0] + points[2])
-    diagonal = float(np.linalg.norm(np.ptp(outline.vertices, axis=0)))
-    used = np.unique(outline.edge)
-    own = np.hstack([outline.middle, outline.vertices[outline.edges].sum(axis=1)])[used]
-    distance, nearest = cKDTree(np.hstack([middle, ends])).query(own)
-    if distance.max() > MATCH * diagonal or len(np.unique(nearest)) != len(nearest):
-        raise InputError("Gmsh reads other edges than FreeCAD", remedy="export the body again")
-    curve = np.zeros(len(outline.edges), dtype=int)
-    curve[used] = np.array(tags)[nearest]
-    known: dict[frozenset, list[int]] = {}
-    regular = set(curve[used].tolist())  # degenerate edges at poles are no edges of the outline
-    for _, tag in model.getEntities(2):
-        around = model.getBoundary([(2, tag)], combined=False, oriented=False)
-        known.setdefault(frozenset(abs(t) for _, t in around) & regular, []).append(tag)
-    surface = np.zeros(outline.face_count, dtype=int)
-    for face in range(outline.face_count):
-        found = known.get(frozenset(curve[outline.edge[outline.face == face]].tolist()))
-        if not found:
-            raise InputError("Gmsh reads other faces than FreeCAD", remedy="export the body again")
-        surface[face] = found.pop()
-    return curve, surface
-
-
-def _prescribe(
-    gmsh: object,
+def _request(
+    brep: Path,
     outline: Outline,
     intervals: np.ndarray,
-    sides: dict[int, list[np.ndarray]],
-    curve: np.ndarray,
-    surface: np.ndarray,
-) -> None:
-    mesh, model = gmsh.model.mesh, gmsh.model
-    for edge in np.unique(outline.edge).tolist():
-        mesh.setTransfiniteCurve(int(curve[edge]), int(intervals[edge]) + 1)
-    for face, found in sides.items():
-        corners = [_shared(outline, found[k - 1], found[k]) for k in range(4)]
-        if len(set(corners)) != 4:
-            continue
-        points = []
-        for vertex in outline.vertices[corners]:
-            near = [
-                (np.linalg.norm(np.array(model.getValue(0, tag, [])) - vertex), tag)
-                for _, tag in model.getBoundary([(2, int(surface[face]))], recursive=True)
-            ]
-            points.append(min(near)[1])
-        mesh.setTransfiniteSurface(int(surface[face]), cornerTags=points)
-
-
-def _shared(outline: Outline, before: np.ndarray, after: np.ndarray) -> int:
-    """The vertex where one side of a face ends and the next begins."""
-    return int(np.intersect1d(outline.edges[before[-1]], outline.edges[after[0]])[0])
-
-
-def _read(gmsh: object, curve: np.ndarray, surface: np.ndarray, outline: Outline) -> QuadCover:
-    mesh = gmsh.model.mesh
-    tags, coordinates, _ = mesh.getNodes()
-    order = np.argsort(tags)
-    tags, points = np.asarray(tags)[order], np.reshape(coordinates, (-1, 3))[order]
-
-    def elements(dimension: int, tag: int, corners: int, what: str) -> np.ndarray:
-        kinds, _, nodes = mesh.getElements(dimension, tag)
-        if len(kinds) != 1 or mesh.getElementProperties(kinds[0])[3] != corners:
-            raise InputError(
-                f"Gmsh leaves {what} without quads", remedy="simplify it in the CAD program"
-            )
-        return np.searchsorted(tags, np.reshape(nodes[0], (-1, corners)))
-
-    quads, faces, rim, rim_edge = [], [], [], []
-    for face, tag in enumerate(surface.tolist()):
-        found = elements(2, tag, 4, f"Face{face + 1}")
-        quads.append(found)
-        faces.append(np.full(len(found), face))
-    for edge in np.unique(outline.edge).tolist():
-        found = elements(1, int(curve[edge]), 2, f"Edge{edge + 1}")
-        rim.append(np.sort(found, axis=1))
-        rim_edge.append(np.full(len(found), edge))
-    corners, inverse = np.unique(np.concatenate(quads), return_inverse=True)
-    lines = np.searchsorted(corners, np.concatenate(rim))
-    order = np.lexsort(lines.T[::-1])
-    return QuadCover(
-        points[corners],
-        inverse.reshape(-1, 4),
-        np.concatenate(faces),
-        lines[order],
-        np.concatenate(rim_edge)[order],
+    rims: EdgePoints,
+    size: float,
+    used: np.ndarray,
+) -> Request:
+    there = np.zeros(len(intervals), dtype=int)
+    there[used] = intervals[used] + 1
+    first = np.concatenate([[0], np.cumsum(there)])
+    points = [rims.points[rims.along(edge)[::2]] for edge in used.tolist()]
+    return Request(
+        str(brep),
+        np.zeros(0, dtype=int),
+        outline.face,
+        outline.edge,
+        intervals,
+        first,
+        np.concatenate(points),
+        outline.middle,
+        outline.vertices[outline.edges].sum(axis=1),
+        size,
+        True,
+        0,
     )
+
+
+def _mesh(
+    request: Request, bad: list[int], done: dict[int, FaceQuads], meshers: Meshers, geometry: tuple
+) -> None:
+    """Put quads on faces: of each the best that the meshers give."""
+    from dataclasses import replace
+
+    for number, way in enumerate(tuple(meshers.ways)):
+        # a poor face is given to one other mesher, a face without any quads to all
+        limit = GOOD if number < 2 else -np.inf
+        wanted = [face for face in bad if face not in done or done[face].worst < limit]
+        if not wanted:
+            return
+        asked = replace(request, faces=np.array(wanted), quads=way.quads, algorithm=way.algorithm)
+        try:
+            answer = run_mesher(way.engine, asked, meshers.seconds)
+        except MesherError as error:
+            meshers.failed(way, error)
+            continue
+        found = faces_of_answer(answer, *geometry)
+        lost = set(wanted) - set(found)
+        if lost:
+            logger.info("%s meshes %d of %d faces", way.engine, len(found), len(wanted))
+        for face, quads in found.items():
+            if face not in done or quads.worst > done[face].worst:
+                done[face] = quads
+
+
+def _joined(
+    done: dict[int, FaceQuads], outline: Outline, intervals: np.ndarray, rims: EdgePoints
+) -> QuadCover:
+    """All faces in one mesh, checked."""
+    base = len(rims.points)
+    quads, face, points = [], [], [rims.points]
+    count = base
+    for number in sorted(done):
+        own = done[number]
+        quads.append(np.where(own.quads >= base, own.quads - base + count, own.quads))
+        face.append(np.full(len(own.quads), number))
+        points.append(own.points)
+        count += len(own.points)
+    corners, inverse = np.unique(np.concatenate(quads), return_inverse=True)
+    lines, rim_edge = rims.segments
+    place = np.searchsorted(corners, lines)
+    if np.any(corners[np.minimum(place, len(corners) - 1)] != lines):
+        raise FaultError("points of edges are in no quad", remedy="please report this body")
+    rim = np.sort(place, axis=1)
+    order = np.lexsort(rim.T[::-1])
+    cover = QuadCover(
+        np.concatenate(points)[corners],
+        inverse.reshape(-1, 4),
+        np.concatenate(face),
+        rim[order],
+        rim_edge[order],
+    )
+    check_cover(cover.quads, cover.face, cover.rim, cover.rim_edge, outline, 2 * intervals)
+    return cover
