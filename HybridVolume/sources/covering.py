@@ -245,7 +245,7 @@ class Covering:
 
     def _prepare(self) -> None:
         """Cut the seams, describe the solid."""
-        imprinted = imprint_seams(self.solid)
+        imprinted = imprint_seams(self.solid, self.tolerance)
         self._given = imprinted.origin
         whole = _whole_patches(imprinted, self.tolerance)
         if whole is not None:
