@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
-from HybridVolume.core.bezier import bernstein
+from HybridVolume.core.covering.spheres import sphere_faces
 from HybridVolume.core.surface import SplineFace
 
 
@@ -329,28 +329,5 @@ def cylinder(radius: float, height: float) -> tuple[SplineFace, ...]:
 
 
 def sphere(radius: float) -> tuple[SplineFace, ...]:
-    """Six rational (4, 4) patches over the sides of a cube (Cobb's tiling).
-
-    In the plane of the stereographic projection the sides of the top patch are arcs of radius √2
-    about (-1, 0) and its like; a rational biquadratic patch fills them, and lifting it to the
-    sphere squares its degree.
-    """
-    arc, weights = _arc(-np.pi / 12, np.pi / 12)
-    right = arc * np.sqrt(2.0) + np.array([-1.0, 0.0])
-    top = np.column_stack([-right[:, 1], right[:, 0]])[::-1]
-    plane, w = np.zeros((3, 3, 2)), np.ones((3, 3))
-    plane[2], plane[0] = right, right * (-1.0, 1.0)
-    plane[:, 2], plane[:, 0] = top, top * (1.0, -1.0)
-    w[1, [0, 2]] = w[[0, 2], 1] = weights[1]
-    w[1, 1] = weights[1] ** 2
-    homogeneous = np.concatenate([plane * w[..., None], w[..., None]], axis=2)
-    at = np.linspace(0.0, 1.0, 5)
-    low, high = bernstein(2, at), np.linalg.inv(bernstein(4, at))
-    x, y, z = np.einsum("ma,nb,abc->cmn", low, low, homogeneous)
-    lifted = np.array([2.0 * x * z, 2.0 * y * z, z**2 - x**2 - y**2, z**2 + x**2 + y**2])
-    net = np.einsum("am,bn,cmn->abc", high, high, lifted)
-    points = radius * net[..., :3] / net[..., 3:]
-    turns = [np.roll(np.eye(3), k, axis=1) for k in range(3)]
-    faces = [_bezier(points @ turn.T, net[..., 3]) for turn in turns]
-    faces += [_bezier(-points @ turn.T, net[..., 3]) for turn in turns]
-    return _named(faces)
+    """Six rational (4, 4) patches, see :func:`.sphere_faces`."""
+    return _named([replace(face, exact=False) for face in sphere_faces(np.zeros(3), radius, "")])

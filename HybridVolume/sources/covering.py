@@ -18,7 +18,7 @@ import shutil
 import tempfile
 import time
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -26,15 +26,17 @@ from typing import Any
 import numpy as np
 
 from .. import errors
-from ..core.covering.cover import Cover
 from ..core.covering.exchange import BREP, ERROR, read_cover, write_body
 from ..core.covering.kinds import BIT, EXACT, kinds_of_origins
 from ..core.surface import SplineFace
 from ..protocol import Progress, parse_line
 from ..worker_process import WorkerProcess, tail, worker_python
+from .distances import surface_distances
 from .exact_geometry import curves_of, surfaces_of
-from .imprint import Imprinted, imprint_seams
+from .faces import evaluate_face, random_parameters
+from .imprint import imprint_seams
 from .outlines import outline_of
+from .spheres import Parted, without_spheres
 from .untrimmed import take_faces
 
 logger = logging.getLogger(__name__)
@@ -144,6 +146,7 @@ class Covering:
         self._process: WorkerProcess | None = None
         self._folder: Path | None = None
         self._given = np.zeros(0, dtype=int)
+        self._parted: Parted | None = None
         self._attempt = 0
         self._began = 0.0
         self._failures: list[str] = []
@@ -161,7 +164,6 @@ class Covering:
             self._end(known)
             return
         try:
-            self._python = worker_python(self._python)
             self._prepare()
             if self.state == "running":
                 self._launch()
@@ -244,10 +246,18 @@ class Covering:
         return self._result
 
     def _prepare(self) -> None:
-        """Cut the seams, describe the solid."""
-        imprinted = imprint_seams(self.solid, self.tolerance)
-        self._given = imprinted.origin
-        whole = _whole_patches(imprinted, self.tolerance)
+        """Take out whole spheres, cut the seams, describe the rest."""
+        self._parted = without_spheres(self.solid)
+        self._given = self._parted.numbers
+        if self._parted.rest is None:
+            self._end(self._joined((), np.zeros(0, dtype=int), (), np.zeros(0), 0))
+            return
+        try:
+            imprinted = imprint_seams(self._parted.rest, self.tolerance)
+        except errors.InputError as error:
+            raise self._renamed(error) from error
+        self._given = self._parted.numbers[imprinted.origin]
+        whole = self._whole_patches(imprinted.solid)
         if whole is not None:
             self._end(whole)
             return
@@ -263,14 +273,28 @@ class Covering:
 
         self._prepared = write
 
+    def _whole_patches(self, cut: Any) -> Covered | None:
+        """The cover of a solid that needed nothing but its seams cut; None of any other."""
+        try:
+            readings = take_faces(cut)
+        except errors.InputError:
+            return None
+        faces = [reading.face for reading in readings]
+        kinds = [EXACT if reading.domain is None else BIT for reading in readings]
+        count = len(faces)
+        return self._joined(faces, np.arange(count), kinds, np.zeros(count), count)
+
     def _launch(self) -> None:
         """Start the process of the next attempt.
 
         Raises
         ------
+        SetupError
+            There is no Python for it.
         WorkerError
-            The process cannot be made.
+            It cannot be made.
         """
+        self._python = worker_python(self._python)
         self._close()
         self._folder = Path(tempfile.mkdtemp(prefix="hybridvolume-"))
         self._prepared(self._folder, {"tolerance": self.tolerance, **ATTEMPTS[self._attempt]})
@@ -292,7 +316,10 @@ class Covering:
         """Turn the end of the process into a result, a refusal, or another attempt."""
         code = self._process.code
         if code == 0:
-            self._end(self._on_given_faces(read_cover(self._folder)))
+            found = read_cover(self._folder)
+            self._end(
+                self._joined(found.faces, found.origin, found.kinds, found.deviation, found.quads)
+            )
         elif code == 2 and (self._folder / ERROR).is_file():
             told = json.loads((self._folder / ERROR).read_text())
             self._end(self._renamed(errors.InputError(**told)))
@@ -351,40 +378,57 @@ class Covering:
             remedy=error.remedy,
         )
 
-    def _on_given_faces(self, cover: Cover) -> Covered:
-        """The cover of the cut solid as one of the solid before seams were cut."""
-        own = self._given[cover.origin]
-        worst = np.zeros(int(self._given.max()) + 1)
-        np.maximum.at(worst, self._given, cover.deviation)
-        named = [
-            replace(face, name=f"Face{number + 1}")
-            for face, number in zip(cover.faces, own.tolist(), strict=True)
-        ]
-        kinds = kinds_of_origins(cover.kinds, self._given)
-        if set(own.tolist()) != set(range(len(worst))) or not np.all(np.isfinite(worst)):
+    def _joined(
+        self,
+        faces: Sequence[SplineFace],
+        piece: np.ndarray,
+        kinds: Sequence[str],
+        deviation: np.ndarray,
+        quads: int,
+    ) -> Covered:
+        """The cover of the given solid.
+
+        Parameters
+        ----------
+        faces : sequence of SplineFace
+            On the pieces of its faces, whole spheres not among them.
+        piece : (n,) int array
+            Which piece each is on.
+        kinds : sequence of str
+        deviation : (m,) array
+            Of the pieces.
+        quads : int
+        """
+        spheres = self._parted
+        given = np.concatenate([self._given, np.unique(spheres.origin)])
+        origin = np.concatenate([self._given[piece], spheres.origin])
+        count = len(self.solid.Faces)
+        worst = np.zeros(count)
+        np.maximum.at(worst, self._given, deviation)
+        for patch, number in zip(spheres.patches, spheres.origin.tolist(), strict=True):
+            points = evaluate_face(patch, *random_parameters(number))
+            off = surface_distances(self.solid.Faces[number], points)
+            worst[number] = max(worst[number], float(off.max()))
+        bare = np.setdiff1d(np.arange(count), origin)
+        if len(bare) or not np.all(np.isfinite(worst)) or worst.max() > self.tolerance:
             raise errors.FaultError(
-                "the cover leaves faces out",
-                faces=[f"Face{k + 1}" for k in np.setdiff1d(np.arange(len(worst)), own).tolist()],
+                f"the cover is {worst.max():.2g} mm away, or leaves {len(bare)} faces out",
+                faces=[f"Face{k + 1}" for k in bare.tolist()],
                 remedy="please report this body",
             )
-        return Covered(tuple(named), own, worst, cover.quads, kinds, self.tolerance)
-
-
-def _whole_patches(imprinted: Imprinted, tolerance: float) -> Covered | None:
-    """The cover of a solid that needed nothing but its seams cut; None of any other."""
-    try:
-        readings = take_faces(imprinted.solid)
-    except errors.InputError:
-        return None
-    kinds = kinds_of_origins(
-        [EXACT if reading.face.exact and reading.domain is None else BIT for reading in readings],
-        imprinted.origin,
-    )
-    faces = tuple(
-        replace(reading.face, name=f"Face{number + 1}")
-        for reading, number in zip(readings, imprinted.origin.tolist(), strict=True)
-    )
-    return Covered(faces, imprinted.origin, np.zeros(len(kinds)), len(faces), kinds, tolerance)
+        named = [
+            replace(face, name=f"Face{number + 1}")
+            for face, number in zip([*faces, *spheres.patches], origin.tolist(), strict=True)
+        ]
+        of_pieces = [*kinds, *(len(given) - len(self._given)) * [EXACT]]
+        return Covered(
+            tuple(named),
+            origin,
+            worst,
+            quads,
+            kinds_of_origins(of_pieces, given),
+            self.tolerance,
+        )
 
 
 _MEMORY: OrderedDict[tuple, Covered | errors.HybridVolumeError] = OrderedDict()
