@@ -16,8 +16,9 @@ class Place:
     ----------
     face : str
         Name of the CAD face, e.g. ``"Face7"``.
-    u, v : float
-        Where on the face, as shares of its parameter ranges, in [0, 1].
+    u, v : float, optional
+        Where on the face, as shares of its parameter ranges, in [0, 1]; none where the face is
+        made of many patches.
     point : tuple of float
         The same place in space, mm.
     what : str
@@ -25,10 +26,17 @@ class Place:
     """
 
     face: str
-    u: float
-    v: float
+    u: float | None
+    v: float | None
     point: tuple[float, float, float]
     what: str
+
+    @property
+    def where(self) -> str:
+        """The parameters in words; the point where there are none."""
+        if self.u is None or self.v is None:
+            return "({:.4g}, {:.4g}, {:.4g}) mm".format(*self.point)
+        return f"u = {self.u:.4g}, v = {self.v:.4g}"
 
 
 class HybridVolumeError(Exception):

@@ -15,7 +15,14 @@ import pytest
 
 from HybridVolume.core.assembly import build_surface
 from HybridVolume.core.midstructure import Decision, Midstructure, Sheet, medial_axis
-from HybridVolume.core.midstructure.choice import EDGE, REASONS, RIDGE, automatic, cell_sheets
+from HybridVolume.core.midstructure.choice import (
+    EDGE,
+    REASONS,
+    RIDGE,
+    automatic,
+    cell_sheets,
+    find_sheets,
+)
 from HybridVolume.core.surface import PatchSurface
 from HybridVolume.errors import InputError
 
@@ -32,6 +39,13 @@ def bracket(first: float = 3.0, second: float = 2.0, thick: float = 0.6) -> bodi
     return bodies.prism(quads, 2.0, volume, name="bracket")
 
 
+def two_faced() -> bodies.Body:
+    """Voxels whose many patches belong to two CAD faces only."""
+    body = bodies.bent_voxels(1)
+    faces = [replace(face, name=f"Face{1 + k % 2}") for k, face in enumerate(body.faces)]
+    return replace(body, faces=tuple(faces))
+
+
 BODIES = {
     "box": lambda: bodies.box((4.0, 2.0, 1.0), (4, 2, 2)),
     "other box": lambda: bodies.box((5.0, 2.0, 1.2), (4, 2, 2)),
@@ -40,6 +54,7 @@ BODIES = {
     "cylinder": lambda: bodies.cylinder(1.0, 4.0),
     "wedge": bodies.wedge,
     "voxels": lambda: bodies.bent_voxels(1),
+    "two-faced": two_faced,
 }
 
 
@@ -92,6 +107,17 @@ def test_every_sheet_is_found_by_its_name(name):
         others = gone.sheet != k
         assert np.array_equal(gone.kept[others], m.kept[others])
         assert gone.sheets[k].reason == "removed by hand"
+
+
+def test_sheets_between_faces_of_many_patches_are_found_in_other_samples():
+    first, second = axis_of("two-faced", 4000), axis_of("two-faced", 4000, seed=5)
+    large = 0.02 * sum(sheet.area for sheet in first.sheets)
+    names = [(k, sheet.name) for k, sheet in enumerate(first.sheets) if sheet.area > large]
+    assert len(names) > 10
+    for k, name in names:
+        (found,) = find_sheets(second, Decision.about("only", name))
+        off = np.linalg.norm(centre_of(second, found) - centre_of(first, k))
+        assert off < 0.05 * surface_of("two-faced").diagonal
 
 
 def test_choosing_changes_nothing_else():

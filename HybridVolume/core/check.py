@@ -146,10 +146,7 @@ def _cuts(surface: PatchSurface, mesh: SurfaceMesh, pairs: np.ndarray) -> list[e
         rows, columns = np.nonzero(np.isin(mesh.grids[patch], mesh.triangles[triangle]))
         uv = np.array([[mesh.grid_u[patch][rows].mean(), mesh.grid_v[patch][columns].mean()]])
         point = surface.evaluate(patch, uv[:, 0], uv[:, 1])[0]
-        own = surface.face_parameters(patch, uv)[0]
-        face = surface.patches[patch].face
-        place = errors.Place(face, *own.tolist(), tuple(point.tolist()), "cuts another part")
-        found.append((0.0, place))
+        found.append((0.0, _place(surface, patch, uv[0], point, "cuts another part")))
         if len(found) == 40 * MOST_PLACES:
             break
     return _distinct(found, 0.02 * surface.diagonal)[:MOST_PLACES]
@@ -170,10 +167,8 @@ class _Findings:
     ) -> None:
         """Note places (m, 2) of a patch; of those close together the worst stays."""
         points = self.surface.evaluate(patch, uv[:, 0], uv[:, 1])
-        face = self.surface.patches[patch].face
-        own = self.surface.face_parameters(patch, uv)
         for k in np.argsort(badness, kind="stable")[: 4 * MOST_PLACES]:
-            place = errors.Place(face, *own[k].tolist(), tuple(points[k].tolist()), what)
+            place = _place(self.surface, patch, uv[k], points[k], what)
             self.places.append((float(badness[k]), place))
         self.spans.update(int(s) for s in spans)
         self.only_lines &= what == LINE
@@ -185,10 +180,7 @@ class _Findings:
         first: dict[str, errors.Place] = {}
         for place in kept:
             first.setdefault(place.face, place)
-        told = "; ".join(
-            f"{p.what} at u = {p.u:.4g}, v = {p.v:.4g} of {p.face}"
-            for p in list(first.values())[:3]
-        )
+        told = "; ".join(f"{p.what} at {p.where} of {p.face}" for p in list(first.values())[:3])
         if self.spans:
             count = len(self.spans)
             what = (
@@ -385,11 +377,21 @@ def _kept(surface: PatchSurface, flags: np.ndarray) -> SingularPlaces:
             lengths = sorted(np.linalg.norm([x_u, x_v], axis=1) * (high[e] - low[e]))
             flat = lengths[0] > 1e-6 * lengths[1]
             what = "a corner of 180 degrees" if flat else "the derivative vanishes"
-            face = surface.patches[patch[e]].face
-            own = surface.face_parameters(patch[e], uv[None])[0]
-            found.append((0.0, errors.Place(face, *own.tolist(), tuple(x.tolist()), what)))
+            found.append((0.0, _place(surface, patch[e], uv, x, what)))
     kept = _distinct(found, 1e-6 * surface.diagonal)
     return SingularPlaces(tuple(kept), bool(flags[:, sides[:, 0], sides[:, 1]].any()))
+
+
+def _place(
+    surface: PatchSurface, patch: int, uv: np.ndarray, point: np.ndarray, what: str
+) -> errors.Place:
+    """A place (u, v) on a patch as one on its face."""
+    face = surface.patches[patch].face
+    at: list[float | None] = [None, None]
+    # parameters of one of many patches say nothing about the face
+    if sum(other.face == face for other in surface.patches) == 1:
+        at = surface.face_parameters(patch, uv[None])[0].tolist()
+    return errors.Place(face, *at, tuple(point.tolist()), what)
 
 
 def _on_side(flags: np.ndarray, corner: np.ndarray) -> bool:

@@ -162,6 +162,6 @@ def _labels(places: Sequence[Place], direction: np.ndarray, distance: float) -> 
             np.linalg.norm(point - label.point) < distance for label in found
         ):
             continue
-        text = f"{place.face}, u {place.u:.3g}, v {place.v:.3g}:\n{place.what}"
+        text = f"{place.face}, {place.where}:\n{place.what}"
         found.append(Label(point, text, RED))
     return tuple(found)

@@ -82,7 +82,7 @@ def lines(error: HybridVolumeError) -> list[str]:
 
 
 def _words(place: Place) -> str:
-    return f"{place.face} at u = {place.u:.3g}, v = {place.v:.3g}: {place.what}"
+    return f"{place.face} at {place.where}: {place.what}"
 
 
 def _drawn(make: Callable[[], Any], name: str) -> Any | None:

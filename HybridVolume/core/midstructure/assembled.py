@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from ..surface import PatchSurface
 from .distances import SurfaceDistance
 from .samples import probes
-from .sheets import Midstructure, Sheet
+from .sheets import Midstructure, Sheet, face_places
 
 
 def facet_dimensions(facets: np.ndarray) -> np.ndarray:
@@ -90,11 +90,12 @@ def from_pieces(
         seeds[k] = middle[mine[np.linalg.norm(middle[mine] - centre, axis=1).argmin()]]
     names = [patch.face for patch in surface.patches]
     feet = distance.nearest(seeds)
+    places = face_places(names, feet.patch, feet.uv)
     opposite, angle = _opposite_sides(distance, seeds, feet.points)
     sheets = []
     for k, mine in enumerate(parts):
         around = radius[facets[mine]]
-        u, v = feet.uv[k]
+        u, v = places[k]
         sheets.append(
             Sheet(
                 faces=(names[feet.patch[k]], names[opposite[k]]),

@@ -15,7 +15,7 @@ from ..surface import PatchSurface
 from .cells import NOISE_ANGLE, Cells
 from .choice import NARROW
 from .samples import probes, sample_surface
-from .sheets import Figures, Midstructure, Sheet
+from .sheets import Figures, Midstructure, Sheet, face_places
 from .smooth_groups import smooth_groups
 from .voronoi import VoronoiFacets, interior_facets
 
@@ -108,10 +108,11 @@ def _build(surface: PatchSurface, cells: Cells) -> Midstructure:
     _, edge = np.unique(raw.edge[both], return_inverse=True)
     feet = cells.feet[members]
     _, group = np.unique(cells.group[members], return_inverse=True)
+    faces = tuple(patch.face for patch in surface.patches)
     figures = Figures(
         number[owner],
         samples.patch[feet],
-        samples.uv[feet],
+        face_places(faces, samples.patch[feet], samples.uv[feet]),
         cells.centre[members],
         cells.radius[members],
         cells.length[members],
@@ -124,7 +125,6 @@ def _build(surface: PatchSurface, cells: Cells) -> Midstructure:
         number[raw.edges[both]],
         edge.ravel(),
     )
-    faces = tuple(patch.face for patch in surface.patches)
     sheet, sheets = _describe(figures, part[members], feet, faces)
     used, triangles = np.unique(triangles, return_inverse=True)
     triangles = triangles.reshape(-1, 3)

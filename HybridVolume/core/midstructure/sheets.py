@@ -41,7 +41,7 @@ class Sheet:
         A point on it, near the middle, mm.
     foot : (float, float)
         Parameters in [0, 1]² of the seed's foot on ``faces[0]``: they find the sheet again after
-        the body was changed.
+        the body was changed. Where the face is made of many patches, see :func:`face_places`.
     at_edge : bool
         Whether it reaches the surface along a convex sharp edge.
     """
@@ -129,6 +129,32 @@ class Decision:
         return cls(action, (found["one"], found["two"]), at)
 
 
+def face_places(faces: Sequence[str], patch: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """Places on CAD faces, told apart also where a face is made of many patches.
+
+    Parameters
+    ----------
+    faces : sequence of str
+        CAD face of each patch.
+    patch : (...) int array
+    uv : (..., 2) array
+        Parameters on the patches, in [0, 1].
+
+    Returns
+    -------
+    (..., 2) array
+        In [0, 1]. The patches of a face stand side by side along u; the same as ``uv`` where it is
+        made of one.
+    """
+    _, face, count = np.unique(np.asarray(faces), return_inverse=True, return_counts=True)
+    face = face.ravel()
+    order = np.argsort(face, kind="stable")
+    rank = np.empty(len(order), dtype=np.int64)
+    rank[order] = np.arange(len(order)) - np.repeat(np.cumsum(count) - count, count)
+    u = (rank[patch] + uv[..., 0]) / count[face[patch]]
+    return np.stack([u, uv[..., 1]], axis=-1)
+
+
 @dataclass(frozen=True)
 class Figures:
     """What deciding about medial facets needs, computed once for all choices.
@@ -142,7 +168,7 @@ class Figures:
     patch : (c, 2) int array
         Patches of the two feet of each cell.
     foot : (c, 2, 2) array
-        Their parameters (u, v) in [0, 1]².
+        Their parameters (u, v) in [0, 1]², as of :func:`face_places`.
     centre : (c, 3) array
         mm.
     radius, length, angle, area, spacing : (c,) arrays
