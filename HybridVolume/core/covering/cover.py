@@ -9,7 +9,8 @@ folded, or too far from the CAD face, gets more intervals, and all is made again
 from __future__ import annotations
 
 import logging
-from collections.abc import Container, Mapping, Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,26 +19,29 @@ from scipy.spatial import cKDTree
 
 from ...errors import HybridVolumeError, InputError, SingularSurfaceError
 from ..assembly import build_surface
-from ..bezier import bernstein
 from ..check import check_surface
 from ..surface import SplineFace
 from .coons import homogeneous_nets
-from .geometry import SplineCurve, project
+from .geometry import SplineCurve
 from .intervals import assign_intervals, lower_bounds
-from .iso_faces import curves_of_sides, grid_parameters, on_grids, rectangle_faces
-from .kinds import kinds_of
+from .iso_sides import order_rows
+from .kept import Geometry, kept
+from .kinds import deviations, kinds_of, piece_errors
 from .lattice import bicubic_nets
 from .outline import Outline
 from .patches import joined_patches
-from .pillows import corner_angles, pillow_flat_corners
+from .pillows import corner_angles
 from .quad_mesh import Meshers, QuadCover, quad_cover
-from .relaxing import relaxed
-from .rims import Rims, rims_of, spread
+from .refining import bending, growth, more_intervals
 
 logger = logging.getLogger(__name__)
 
-ROUNDS = 7
+ROUNDS = 9
 """So often more intervals are tried."""
+FINER = 1.5
+"""Quads that are folded or slivers become so many times smaller."""
+MOST_INTERVALS = 8_000
+"""More on all edges are not tried: a cover of some ten thousand quads is of no use."""
 SLIVER = np.radians(1.0)
 """Quads with a smaller angle are made again."""
 
@@ -76,6 +80,8 @@ def cover_body(
     *,
     turn: float = 60.0,
     share: float = 5.0,
+    seconds: float = np.inf,
+    progress: Callable[[float, str], None] | None = None,
 ) -> Cover:
     """Cover a body.
 
@@ -92,6 +98,10 @@ def cover_body(
         Most that an edge turns in an interval at first, degrees; quads are half as long.
     share : float
         Intervals are at most the diagonal by this long at first.
+    seconds : float
+        No round begins that would probably end later.
+    progress : callable, optional
+        Told the share that is done and what comes next.
 
     Raises
     ------
@@ -101,138 +111,120 @@ def cover_body(
     diagonal = float(np.linalg.norm(np.ptp(outline.vertices, axis=0)))
     size = diagonal / share
     fewest = lower_bounds(outline, np.radians(turn), size)
-    planar = np.array([is_planar(face) for face in surfaces])
+    geometry = Geometry.of(outline, curves, surfaces, tolerance)
+    rows = order_rows(geometry.strict, len(outline.edges))
     meshers = Meshers.available()
     failure: HybridVolumeError | None = None
+    began, words, worst = time.monotonic(), "quads on all faces", []
     for number in range(ROUNDS):
-        intervals, sides = assign_intervals(outline, fewest)
+        past = time.monotonic() - began
+        if failure is not None and past * (1.0 + 2.0 / number) > seconds:
+            raise _stopped(failure, f"after {past:.0f} s")
+        if progress is not None:
+            progress(number / ROUNDS, f"round {number + 1}: {words}")
+        intervals, sides = assign_intervals(outline, fewest, geometry.iso, rows)
+        if failure is not None and intervals.sum() > MOST_INTERVALS:
+            raise _stopped(failure, f"with {intervals.sum()} intervals of edges")
         cover = quad_cover(
-            brep, outline, intervals, sides, size, curves, surfaces, planar, meshers
+            brep,
+            outline,
+            intervals,
+            sides,
+            size,
+            geometry.curves,
+            surfaces,
+            geometry.planar,
+            meshers,
         )
-        cover, grids, rims, own = _fitted(cover, outline, sides, curves, surfaces, planar)
-        bicubic = bicubic_nets(cover, own, surfaces)
-        nets = homogeneous_nets(cover, bicubic, rims, planar)
-        deviation = _deviations(cover, nets, grids, surfaces)
-        bad = np.flatnonzero(deviation > tolerance)
-        if len(bad):
+        found = kept(cover, outline, geometry)
+        cover = found.cover
+        bicubic = bicubic_nets(cover, geometry.curves, surfaces)
+        nets = homogeneous_nets(cover, bicubic, found.rims, geometry.planar)
+        off = deviations(found, nets, geometry, curves)
+        deviation = np.zeros(len(surfaces))
+        np.maximum.at(deviation, cover.face, off)
+        factor = np.where(off > tolerance, growth(off, tolerance), 1.0)
+        worst.append(float(off.max()))
+        if worst[-1] > tolerance:
             failure = InputError(
-                f"patches miss faces by up to {deviation.max():.2g} mm",
-                faces=_names(bad),
-                figure=float(deviation.max()),
+                f"patches miss faces by up to {worst[-1]:.2g} mm",
+                faces=_names(np.flatnonzero(deviation > tolerance)),
+                figure=worst[-1],
                 remedy="allow a larger deviation, or simplify these faces in the CAD program",
             )
-        slivers = np.flatnonzero(corner_angles(cover.points[cover.quads]).min(axis=1) < SLIVER)
+        slivers = _slivers(cover, outline)
         if len(slivers):
-            bad = np.union1d(bad, cover.face[slivers])
+            factor[slivers] = np.maximum(factor[slivers], FINER)
             failure = InputError(
                 f"{len(slivers)} quads are slivers",
                 faces=_names(np.unique(cover.face[slivers])),
                 figure=float(len(slivers)),
                 remedy="merge narrow faces with their neighbours in the CAD program",
             )
-        if not len(bad):
-            faces, origin = joined_patches(cover, nets, grids, surfaces)
+        bent = bending(bicubic)
+        bent[slivers] = 1.0
+        if not np.any(factor > 1.0):
+            joined = joined_patches(cover, nets, found.grids, surfaces)
             try:
-                check_surface(build_surface(faces))
+                surface = build_surface(list(joined.faces))
+                check_surface(surface)
             except SingularSurfaceError as error:
                 failure = error
-                edges = _edges_near(cover, error)
+                near = _quads_near(cover, error)
+                factor[near], bent[near] = FINER, 1.0
             else:
                 logger.info(
-                    "%d quads in %d patches, %d rounds", len(cover.quads), len(faces), number + 1
+                    "%d quads in %d patches, %d rounds",
+                    *(len(cover.quads), len(joined.faces), number + 1),
                 )
-                kinds = kinds_of(outline, grids, rims, cover.rim_edge, planar, surfaces, deviation)
-                return Cover(tuple(faces), origin, deviation, len(cover.quads), kinds)
-        if len(bad):
-            edges = np.unique(outline.edge[np.isin(outline.face, bad)])
-        words = ", ".join(_names(np.unique(outline.face[np.isin(outline.edge, edges)])))
-        logger.info("round %d: more intervals on %d edges of %s", number + 1, len(edges), words)
-        fewest[edges] = np.ceil(1.5 * intervals[edges] + 0.1).astype(int)
+                moved = np.zeros(len(surfaces))
+                np.maximum.at(moved, joined.origin, surface.moved)
+                deviation = np.maximum(deviation, piece_errors(joined, surfaces))
+                kinds = kinds_of(outline, found, geometry, deviation, moved)
+                deviation = np.maximum(deviation, moved)
+                return Cover(joined.faces, joined.origin, deviation, len(cover.quads), kinds)
+        if len(worst) > 3 and tolerance < 0.8 * worst[-3] < worst[-1]:
+            raise _stopped(failure, "and finer quads come no nearer")
+        bad = np.unique(cover.face[factor > 1.0])
+        words = f"{len(cover.quads)} quads, smaller ones on {len(bad)} faces"
+        logger.info("round %d: %s (%s)", number + 1, words, ", ".join(_names(bad[:12])))
+        fewest = np.maximum(fewest, more_intervals(cover, outline, intervals, factor, bent))
         if number % 2:
             size *= 0.75
     assert failure is not None  # there was a last round, and it was not good
     raise failure
 
 
+def _stopped(failure: HybridVolumeError, why: str) -> HybridVolumeError:
+    """A failure that is not tried to be mended any longer."""
+    failure.message += f" {why}"
+    failure.args = (failure.message,)
+    return failure
+
+
+def _slivers(cover: QuadCover, outline: Outline) -> np.ndarray:
+    """Quads with nearly closed corners, but for those in corners of faces that are no wider."""
+    small = corner_angles(cover.points[cover.quads]) < SLIVER
+    quads = np.flatnonzero(small.any(axis=1))
+    if len(quads):
+        sharp = np.flatnonzero(np.abs(outline.corner) > np.pi - 3.0 * SLIVER)
+        forward = outline.forward[sharp].astype(int)
+        vertices = outline.vertices[outline.edges[outline.edge[sharp], forward]]
+        if len(vertices):
+            away = cKDTree(vertices).query(cover.points[cover.quads[quads]])[0]
+            size = float(np.ptp(outline.vertices, axis=0).max())
+            small[quads] &= away > 1e-7 * size
+    return np.flatnonzero(small.any(axis=1))
+
+
 def _names(faces: np.ndarray) -> list[str]:
     return [f"Face{face + 1}" for face in faces.tolist()]
 
 
-def _edges_near(cover: QuadCover, error: SingularSurfaceError) -> np.ndarray:
-    """Edges of the outline within two quads of the places that an error names."""
+def _quads_near(cover: QuadCover, error: SingularSurfaceError) -> np.ndarray:
+    """Quads that touch those around the places that an error names."""
     near = cKDTree(cover.points).query([place.point for place in error.places])[1]
     on = np.zeros(len(cover.points), dtype=bool)
     on[near] = True
-    rim = np.zeros(0, dtype=int)
-    for ring in range(8):
-        on[cover.quads[on[cover.quads].any(axis=1)]] = True
-        rim = cover.rim_edge[on[cover.rim].all(axis=1)]
-        if ring and len(rim):
-            break
-    return np.unique(rim)
-
-
-def _deviations(
-    cover: QuadCover,
-    nets: Mapping[tuple[int, int], tuple[np.ndarray, np.ndarray]],
-    grids: Container[int],
-    surfaces: Sequence[SplineFace],
-) -> np.ndarray:
-    """Largest distance of the patches from each face, between the points they go through."""
-    at = np.array([1 / 6, 1 / 2, 5 / 6])
-    samples = np.empty((len(cover.quads), 9, 3))
-    for (du, dv), (quads, points) in nets.items():
-        x = np.einsum("ai,bj,kijd->kabd", bernstein(du, at), bernstein(dv, at), points)
-        samples[quads] = (x[..., :3] / x[..., 3:]).reshape(-1, 9, 3)
-    found = np.zeros(len(surfaces))
-    for face in np.unique(cover.face).tolist():
-        if face not in grids:
-            points = samples[cover.face == face].reshape(-1, 3)
-            feet = project(surfaces[face], points)[1]
-            found[face] = np.linalg.norm(points - feet, axis=1).max()
-    return found
-
-
-def _fitted(
-    cover: QuadCover,
-    outline: Outline,
-    sides: dict[int, list[np.ndarray]],
-    curves: Sequence[SplineCurve | None],
-    surfaces: Sequence[SplineFace],
-    planar: np.ndarray,
-) -> tuple[QuadCover, dict[int, tuple[np.ndarray, np.ndarray]], Rims, Sequence[SplineCurve | None]]:
-    """Corners put to where faces and edges can be kept, and what can be kept.
-
-    Returns
-    -------
-    cover : QuadCover
-    grids : dict
-        Corners and parameters of faces that are pieces of their surfaces.
-    rims : Rims
-    curves : sequence of SplineCurve
-        Of edges, with the parameters of the faces that are kept.
-    """
-    rectangles = rectangle_faces(outline, sides, surfaces)
-    curves, rectangles = curves_of_sides(outline, rectangles, curves, surfaces)
-    beside = np.zeros(len(outline.edges), dtype=bool)
-    beside[outline.edge[rectangles[outline.face]]] = True
-    cover = pillow_flat_corners(spread(cover, curves, np.flatnonzero(beside)))
-    grids = {}
-    for face in np.flatnonzero(rectangles).tolist():
-        found = grid_parameters(cover, face, surfaces[face])
-        if found is not None:
-            grids[face] = found
-    kept = planar.copy()
-    kept[list(grids)] = True
-    wanted = np.zeros(len(outline.edges), dtype=bool)
-    wanted[outline.edge[kept[outline.face]]] = True
-    cover = relaxed(on_grids(cover, grids, surfaces), surfaces, np.isin(cover.face, list(grids)))
-    rims = rims_of(cover, curves, wanted)
-    return cover, grids, rims, curves
-
-
-def is_planar(face: SplineFace) -> bool:
-    """Whether a face is in a plane, as far as can be told."""
-    points = face.control_points.reshape(-1, 3)
-    away = points - points.mean(axis=0)
-    return bool(np.linalg.svd(away, compute_uv=False)[2] <= 1e-12 * np.abs(away).max() * len(away))
+    on[cover.quads[on[cover.quads].any(axis=1)]] = True
+    return np.flatnonzero(on[cover.quads].any(axis=1))

@@ -66,6 +66,7 @@ def read_body(
             SplineCurve(
                 int(file[f"curve/{k}/degree"]),
                 *(file[f"curve/{k}/{name}"] for name in ("knots", "control_points", "weights")),
+                float(file[f"curve/{k}/tolerance"]),
             )
             if f"curve/{k}/degree" in file
             else None

@@ -9,11 +9,13 @@ one integer programme over all edges of the body always does.
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 
 import numpy as np
 from scipy import sparse
 from scipy.optimize import Bounds, LinearConstraint, milp
 
+from .iso_sides import IsoSides
 from .outline import Outline
 
 logger = logging.getLogger(__name__)
@@ -43,7 +45,10 @@ def lower_bounds(outline: Outline, turn: float, size: float) -> np.ndarray:
 
 
 def assign_intervals(
-    outline: Outline, fewest: np.ndarray
+    outline: Outline,
+    fewest: np.ndarray,
+    iso: Mapping[int, IsoSides] | None = None,
+    rows: tuple[sparse.csr_matrix, np.ndarray, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, dict[int, list[np.ndarray]]]:
     """Numbers of intervals with equal sums on opposite sides of all four-sided faces.
 
@@ -51,6 +56,11 @@ def assign_intervals(
     ----------
     outline : Outline
     fewest : (ne,) int array
+    iso : mapping, optional
+        Faces whose sides are those of their surface, whatever their corners are.
+    rows : (matrix, low, high), optional
+        What else the intervals should obey, as :func:`.iso_sides.order_rows` makes it; given up
+        where no numbers do.
 
     Returns
     -------
@@ -61,11 +71,18 @@ def assign_intervals(
         where the numbers cannot be made equal (an edge that is on opposite sides of a face).
     """
     sides = {face: found for face in range(outline.face_count) if (found := outline.sides(face))}
+    sides |= {face: list(around.order) for face, around in (iso or {}).items()}
     used = np.unique(outline.edge)
     while sides:
         faces = list(sides)
         matrix = _balance(outline, [sides[face] for face in faces])
-        found = _solved(matrix, fewest, used)
+        found = None
+        if rows is not None and len(rows[1]):
+            found = _solved(matrix, fewest, used, rows)
+            if found is None:
+                logger.info("vertices on opposite sides of faces cannot all be joined")
+        if found is None:
+            found = _solved(matrix, fewest, used)
         if found is not None:
             return found, sides
         # cannot happen on surfaces that are two-sided and cut at their seams; be safe
@@ -88,12 +105,20 @@ def _balance(outline: Outline, all_sides: list[list[np.ndarray]]) -> sparse.csr_
     return sparse.csr_matrix((values, (rows, columns)), shape=shape)
 
 
-def _solved(matrix: sparse.csr_matrix, fewest: np.ndarray, used: np.ndarray) -> np.ndarray | None:
+def _solved(
+    matrix: sparse.csr_matrix,
+    fewest: np.ndarray,
+    used: np.ndarray,
+    rows: tuple[sparse.csr_matrix, np.ndarray, np.ndarray] | None = None,
+) -> np.ndarray | None:
     upper = np.full(len(fewest), np.inf)
     cost = 1.0 / fewest
+    constraints = [LinearConstraint(matrix, 0.0, 0.0)]
+    if rows is not None:
+        constraints.append(LinearConstraint(*rows))
     result = milp(
         cost,
-        constraints=LinearConstraint(matrix, 0.0, 0.0),
+        constraints=constraints,
         bounds=Bounds(fewest, upper),
         integrality=np.ones(len(fewest)),
         options={"time_limit": SECONDS},
@@ -103,4 +128,8 @@ def _solved(matrix: sparse.csr_matrix, fewest: np.ndarray, used: np.ndarray) -> 
     found = np.round(result.x).astype(int)
     if np.any(matrix @ found != 0) or np.any(found[used] < fewest[used]):
         return None
+    if rows is not None:
+        sums = rows[0] @ found
+        if np.any((sums < rows[1]) | (sums > rows[2])):
+            return None
     return found

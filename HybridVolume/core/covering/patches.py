@@ -4,70 +4,91 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from .. import bspline
 from ..merged_quads import fewest_knots
-from ..quad_layout import QuadLayout, quad_layout
+from ..quad_layout import quad_layout
 from ..surface import SplineFace
+from .coons import Nets
 from .iso_faces import segment
 from .quad_mesh import QuadCover
+
+Spline = tuple[tuple[np.ndarray, np.ndarray], np.ndarray]
+"""Knots on [0, 1] and homogeneous points of one quad's patch."""
+
+
+@dataclass(frozen=True)
+class Joined:
+    """Patches of a cover.
+
+    Attributes
+    ----------
+    faces : tuple of SplineFace
+        Named ``Face3.1``, ``Face3.2``, ...; ``exact`` is false for pieces of the file's surfaces.
+    origin : (n,) int array
+        Face of the outline of each.
+    places : dict
+        Of patches that are pieces of surfaces: parameters there of their corners (u, v) = (0, 0),
+        (1, 0), (1, 1), (0, 1), as (4, 2) arrays.
+    """
+
+    faces: tuple[SplineFace, ...]
+    origin: np.ndarray
+    places: dict[int, np.ndarray]
 
 
 def joined_patches(
     cover: QuadCover,
-    nets: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]],
-    grids: dict[int, tuple[np.ndarray, np.ndarray]],
+    nets: Sequence[Nets],
+    grids: Mapping[int, tuple[np.ndarray, np.ndarray]],
     surfaces: Sequence[SplineFace],
-) -> tuple[list[SplineFace], np.ndarray]:
+) -> Joined:
     """Patches of a cover, none across an edge of the outline.
 
     Parameters
     ----------
     cover : QuadCover
-    nets : dict
-        Homogeneous Bézier points of quads by their degrees.
-    grids : dict
+    nets : sequence of Nets
+        Patches of quads.
+    grids : mapping
         Corners and parameters of faces that are pieces of their surfaces.
     surfaces : sequence of SplineFace
-
-    Returns
-    -------
-    patches : list of SplineFace
-        Named ``Face3.1``, ``Face3.2``, ...
-    face : (n,) int array
-        Face of the outline of each.
     """
     layout = quad_layout(cover.quads, cover.rim)
     face = np.empty(len(layout.grids), dtype=int)
     face[layout.patch] = cover.face
     order = np.lexsort((layout.cell[:, 1], layout.cell[:, 0], layout.patch))
     starts = np.concatenate([[0], np.cumsum(np.bincount(layout.patch))])
-    where = np.empty((len(cover.quads), 3), dtype=int)
-    for (du, dv), (quads, _) in nets.items():
-        where[quads] = np.column_stack([np.full(len(quads), du), np.full(len(quads), dv),
-                                        np.arange(len(quads))])  # fmt: skip
+    where = np.empty((len(cover.quads), 2), dtype=int)
+    for k, group in enumerate(nets):
+        where[group.quads] = np.column_stack([np.full(len(group.quads), k),
+                                              np.arange(len(group.quads))])  # fmt: skip
     size = float(np.linalg.norm(np.ptp(cover.points, axis=0)))
     count = np.zeros(len(surfaces), dtype=int)
-    found = []
+    found, places = [], {}
     for k in range(len(layout.grids)):
         own = int(face[k])
         count[own] += 1
         name = f"Face{own + 1}.{count[own]}"
         if own in grids:
-            found.append(_piece(layout.grids[k], name, *grids[own], surfaces[own]))
+            piece, places[k] = _piece(layout.grids[k], name, *grids[own], surfaces[own])
+            found.append(piece)
         else:
-            cells = order[starts[k] : starts[k + 1]]
-            found.append(_joined(layout, k, cells, nets, where, name, size))
-    return found, face
+            cells = order[starts[k] : starts[k + 1]].tolist()
+            pieces = [_turned(nets[where[q, 0]], where[q, 1], int(layout.first[q])) for q in cells]
+            m, n = (extent - 1 for extent in layout.grids[k].shape)
+            found.append(_joined([pieces[i * n : (i + 1) * n] for i in range(m)], name, size))
+    return Joined(tuple(found), face, places)
 
 
 def _piece(
     grid: np.ndarray, name: str, corners: np.ndarray, uv: np.ndarray, surface: SplineFace
-) -> SplineFace:
-    """The piece of a surface under a patch."""
+) -> tuple[SplineFace, np.ndarray]:
+    """The piece of a surface under a patch, and the parameters of its corners."""
     ends = uv[np.searchsorted(corners, grid[[0, -1, -1, 0], [0, 0, -1, -1]])]
     turned = abs(ends[1, 0] - ends[0, 0]) < abs(ends[1, 1] - ends[0, 1])
     low, high = ends.min(axis=0), ends.max(axis=0)
@@ -80,60 +101,84 @@ def _piece(
         if ends[corner, along] < ends[0, along]:
             points = np.flip(points, axis=axis)
             knots = tuple(1.0 - own[::-1] if d == axis else own for d, own in enumerate(knots))
-    return _face(name, degrees, knots, points)
+    return _face(name, degrees, knots, points, surface.exact), ends
 
 
-def _joined(
-    layout: QuadLayout,
-    k: int,
-    cells: np.ndarray,
-    nets: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]],
-    where: np.ndarray,
-    name: str,
-    size: float,
-) -> SplineFace:
-    """One spline of the quads of a patch, all raised to the highest degrees among them."""
-    m, n = (extent - 1 for extent in layout.grids[k].shape)
-    turned = [np.rot90(_net(nets, where, quad), -int(layout.first[quad]), axes=(0, 1))
-              for quad in cells.tolist()]  # fmt: skip
-    du, dv = (max(net.shape[axis] for net in turned) - 1 for axis in (0, 1))
-    points = np.empty((m * du + 1, n * dv + 1, 4))
-    for row, net in enumerate(turned):
-        i, j = divmod(row, n)
-        points[i * du : (i + 1) * du + 1, j * dv : (j + 1) * dv + 1] = _raised(net, du, dv)
-    lines_u, lines_v = np.arange(m + 1.0), np.arange(n + 1.0)
-    if (du, dv) == (3, 3) and np.all(points[..., 3] == 1.0):
-        knots_u, points = fewest_knots(points, lines_u, size)
-        knots_v, points = fewest_knots(points.transpose(1, 0, 2), lines_v, size)
+def _turned(nets: Nets, row: int, first: int) -> Spline:
+    """A quad's patch that begins at another of its corners."""
+    (u, v), points = nets.knots, np.rot90(nets.points[row], -first, axes=(0, 1))
+    knots = ((u, v), (v, 1.0 - u[::-1]), (1.0 - u[::-1], 1.0 - v[::-1]), (1.0 - v[::-1], u))[first]
+    return knots, points
+
+
+def _joined(cells: list[list[Spline]], name: str, size: float) -> SplineFace:
+    """One spline of the cells of a patch, all raised to the highest degrees among them."""
+    m, n = len(cells), len(cells[0])
+    degrees = [
+        max(len(knots[axis]) - points.shape[axis] - 1 for line in cells for knots, points in line)
+        for axis in (0, 1)
+    ]
+    lines = [
+        [_common(degrees[0], [cell[0][0] for cell in line]) for line in cells],
+        [_common(degrees[1], [line[j][0][1] for line in cells]) for j in range(n)],
+    ]
+    counts = [[len(knots) - p - 2 for knots in own] for p, own in zip(degrees, lines, strict=True)]
+    begin = [np.concatenate([[0], np.cumsum(own)]) for own in counts]
+    points = np.empty((begin[0][-1] + 1, begin[1][-1] + 1, 4))
+    for i, line in enumerate(cells):
+        for j, (knots, net) in enumerate(line):
+            for axis, wanted in ((0, lines[0][i]), (1, lines[1][j])):
+                matrix = _refining(degrees[axis], knots[axis], net.shape[axis], wanted)
+                if matrix is not None:
+                    net = np.moveaxis(np.tensordot(matrix, net, (1, axis)), 0, axis)
+            at = [slice(begin[axis][k], begin[axis][k + 1] + 1) for axis, k in ((0, i), (1, j))]
+            points[at[0], at[1]] = net
+    plain = all(len(own) == 8 for line in lines for own in line)
+    if degrees == [3, 3] and plain and np.all(points[..., 3] == 1.0):
+        knots_u, points = fewest_knots(points, np.arange(m + 1.0), size)
+        knots_v, points = fewest_knots(points.transpose(1, 0, 2), np.arange(n + 1.0), size)
         points = points.transpose(1, 0, 2)
         points[..., 3] = 1.0
     else:
-        knots_u, knots_v = _knots(du, lines_u), _knots(dv, lines_v)
-    return _face(name, (du, dv), (knots_u / m, knots_v / n), points)
+        knots_u, knots_v = (_strung(p, own) for p, own in zip(degrees, lines, strict=True))
+    return _face(name, (degrees[0], degrees[1]), (knots_u / m, knots_v / n), points, True)
 
 
-def _net(
-    nets: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]], where: np.ndarray, quad: int
-) -> np.ndarray:
-    du, dv, row = where[quad].tolist()
-    return nets[du, dv][1][row]
+def _common(degree: int, lines: list[np.ndarray]) -> np.ndarray:
+    """Knots of a degree that contain those of all cells beside each other."""
+    raised = []
+    for knots in lines:
+        values, counts = bspline.multiplicities(knots)
+        raised.append(np.repeat(values, counts + degree + 1 - counts[0]))
+    if all(np.array_equal(knots, raised[0]) for knots in raised[1:]):
+        return raised[0]
+    return bspline.merge_knots(degree, raised)
 
 
-def _raised(net: np.ndarray, du: int, dv: int) -> np.ndarray:
-    for axis, degree in ((0, du), (1, dv)):
-        own = net.shape[axis] - 1
-        if own < degree:
-            up = bspline.bezier_elevation(own, degree - own)
-            net = np.moveaxis(np.tensordot(up, net, (1, axis)), 0, axis)
-    return net
+def _refining(degree: int, knots: np.ndarray, count: int, wanted: np.ndarray) -> np.ndarray | None:
+    """Matrix to the control points over other knots of a higher degree; None if they are these."""
+    own = len(knots) - count - 1
+    matrix = None
+    if own < degree:
+        matrix, knots = bspline.elevation_matrix(own, knots, degree - own)
+    if not np.array_equal(knots, wanted):
+        finer = bspline.insertion_matrix(degree, bspline.snap_knots(knots, wanted), wanted)
+        matrix = finer if matrix is None else finer @ matrix
+    return matrix
 
 
-def _knots(degree: int, lines: np.ndarray) -> np.ndarray:
-    return np.concatenate([lines[:1], np.repeat(lines, degree), lines[-1:]])
+def _strung(degree: int, lines: list[np.ndarray]) -> np.ndarray:
+    """Knots of cells one after the other, which only touch."""
+    inner = [k + own[degree + 1 : -1] for k, own in enumerate(lines)]
+    return np.concatenate([np.zeros(degree + 1), *inner, [float(len(lines))]])
 
 
 def _face(
-    name: str, degrees: tuple[int, int], knots: tuple[np.ndarray, np.ndarray], points: np.ndarray
+    name: str,
+    degrees: tuple[int, int],
+    knots: tuple[np.ndarray, np.ndarray],
+    points: np.ndarray,
+    exact: bool,
 ) -> SplineFace:
     weights = np.ascontiguousarray(points[..., 3])
     return SplineFace(
@@ -142,4 +187,5 @@ def _face(
         (np.ascontiguousarray(knots[0]), np.ascontiguousarray(knots[1])),
         np.ascontiguousarray(points[..., :3] / weights[..., None]),
         weights,
+        exact,
     )

@@ -22,12 +22,14 @@ _SHARES = (0.5, 0.4, 0.3, 0.6, 0.2)
 """How far the small quad's corners are drawn towards its middle; the best is taken."""
 
 
-def pillow_flat_corners(cover: QuadCover) -> QuadCover:
+def pillow_flat_corners(cover: QuadCover, kept: np.ndarray | None = None) -> QuadCover:
     """Cut quads with a flat corner on the outline into five.
 
     Parameters
     ----------
     cover : QuadCover
+    kept : (m,) bool array, optional
+        Quads that stay as they are.
 
     Returns
     -------
@@ -39,6 +41,8 @@ def pillow_flat_corners(cover: QuadCover) -> QuadCover:
     on_rim = _rows_in(sides.reshape(-1, 2), cover.rim).reshape(-1, 4)
     angles = corner_angles(points[quads])
     flat = (angles > FLAT) & on_rim & np.roll(on_rim, 1, axis=1)
+    if kept is not None:
+        flat[kept] = False
     cut = np.flatnonzero(flat.any(axis=1))
     if not len(cut):
         return cover

@@ -7,8 +7,8 @@ The curve belongs to the edge, so both faces beside it take the same piece, what
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,16 +16,33 @@ from .. import bspline
 from .geometry import SplineCurve
 from .quad_mesh import QuadCover
 
-EVEN = 1e-9
-"""Weights of a curve's ends that agree to this share count as equal."""
 MOST_SPANS = 40
-"""Curves of more knot spans are followed within the tolerance only."""
+"""Curves of more knot spans are followed within the tolerance only, but for sides of kept faces."""
 
 
-def whole(curve: SplineCurve) -> bool:
-    """Whether pieces of a curve can be taken exactly: few spans, equal weights at both ends."""
-    even = abs(curve.weights[0] / curve.weights[-1] - 1.0) <= EVEN
-    return even and len(bspline.breakpoints(curve.knots)) - 1 <= MOST_SPANS
+@dataclass(frozen=True)
+class Piece:
+    """A part of a curve as a spline over [0, 1].
+
+    Attributes
+    ----------
+    knots : array
+        Clamped.
+    points : (n, 4) array
+        (w x, w y, w z, w)
+    """
+
+    knots: np.ndarray
+    points: np.ndarray
+
+    @property
+    def degree(self) -> int:
+        """Polynomial degree."""
+        return len(self.knots) - len(self.points) - 1
+
+    def turned(self) -> Piece:
+        """The same part run along the other way."""
+        return Piece(1.0 - self.knots[::-1], self.points[::-1])
 
 
 @dataclass(frozen=True)
@@ -34,131 +51,138 @@ class Rims:
 
     Attributes
     ----------
-    low, high : (k,) arrays
-        Parameters on the edge's curve at the smaller and the larger corner of each rim.
     exact : (k,) bool array
         Whether the side is the piece of the curve itself,
     piece : dict
-        then by its number in ``cover.rim`` the Bézier points (w x, w y, w z, w), (n, 4), from the
-        smaller corner to the larger one.
+        then by its number in ``cover.rim`` this piece, from the smaller corner to the larger one.
     weight : (n,) array
-        Weight at each corner of the cover; 1 but for corners inside rational edges.
+        Weight at each corner of the cover; 1 but for corners on rational edges.
     """
 
-    low: np.ndarray
-    high: np.ndarray
     exact: np.ndarray
-    piece: dict[int, np.ndarray]
+    piece: dict[int, Piece]
     weight: np.ndarray
 
 
-def spread(cover: QuadCover, curves: Sequence[SplineCurve | None], edges: np.ndarray) -> QuadCover:
-    """Move corners on edges such that they are evenly spread along the curves' parameters.
+def rims_of(
+    cover: QuadCover,
+    curves: Sequence[SplineCurve | None],
+    chains: Mapping[int, np.ndarray],
+    places: Mapping[int, np.ndarray],
+    wanted: np.ndarray,
+    needed: np.ndarray,
+) -> Rims:
+    """Pieces of all sides on edges.
 
     Parameters
     ----------
     cover : QuadCover
     curves : sequence of SplineCurve
-    edges : int array
-        Edges whose corners are moved; knots of their curves get a corner each where there are
-        enough, so that opposite sides of an iso-parameter rectangle have the same parameters.
-    """
-    points = cover.points.copy()
-    for edge in edges.tolist():
-        rows = np.flatnonzero(cover.rim_edge == edge)
-        chain, t = _chain(cover, rows, curves[edge])
-        new = _even_parameters(curves[edge], len(chain) - 1)
-        if t[0] > t[-1]:
-            new = new[::-1]
-        points[chain[1:-1]] = curves[edge].evaluate(new[1:-1])
-    return replace(cover, points=points)
-
-
-def _even_parameters(curve: SplineCurve, count: int) -> np.ndarray:
-    """Parameters of count + 1 corners: every knot is one where there are enough."""
-    lines = bspline.breakpoints(curve.knots)
-    spans = np.diff(lines)
-    if count < len(spans):
-        return np.linspace(lines[0], lines[-1], count + 1)
-    parts = np.ones(len(spans), dtype=int)
-    for _ in range(count - len(spans)):
-        parts[np.argmax(spans / parts)] += 1
-    inside = [
-        a + width * np.arange(n) / n for a, width, n in zip(lines, spans, parts, strict=False)
-    ]
-    return np.append(np.concatenate(inside), lines[-1])
-
-
-def _chain(cover: QuadCover, rows: np.ndarray, curve: SplineCurve) -> tuple[np.ndarray, np.ndarray]:
-    """Corners along an edge in the order of their parameters, and these."""
-    corners = np.unique(cover.rim[rows])
-    t = curve.project(cover.points[corners])
-    if len(corners) == len(rows):
-        # a closed curve: its first corner is its last one too
-        start = np.argmin(np.minimum(t - curve.knots[0], curve.knots[-1] - t))
-        t[start] = curve.knots[0]
-        order = np.argsort(t)
-        return np.append(corners[order], corners[start]), np.append(t[order], curve.knots[-1])
-    order = np.argsort(t)
-    return corners[order], t[order]
-
-
-def rims_of(cover: QuadCover, curves: Sequence[SplineCurve | None], wanted: np.ndarray) -> Rims:
-    """Places and pieces of all sides on edges.
-
-    Parameters
-    ----------
-    cover : QuadCover
-    curves : sequence of SplineCurve
+    chains : mapping
+        Corners along each edge, from :func:`.places.edge_chains`.
+    places : mapping
+        Shares of the curve's range at these corners, where they are known.
     wanted : (ne,) bool array
-        Edges whose pieces should be exact.
+        Edges whose pieces should be exact,
+    needed : (ne,) bool array
+        and those whose pieces must be.
     """
-    count = len(cover.rim)
-    low, high = np.zeros(count), np.zeros(count)
-    exact = np.zeros(count, dtype=bool)
+    exact = np.zeros(len(cover.rim), dtype=bool)
     weight = np.ones(len(cover.points))
-    pieces: dict[int, np.ndarray] = {}
-    number = {tuple(pair): k for k, pair in enumerate(cover.rim.tolist())}
-    for edge in np.unique(cover.rim_edge).tolist():
-        curve = curves[edge]
-        chain, t = _chain(cover, np.flatnonzero(cover.rim_edge == edge), curve)
-        turned = chain[:-1] > chain[1:]
-        rows = [number[min(a, b), max(a, b)] for a, b in zip(chain, chain[1:], strict=False)]
-        low[rows] = np.where(turned, t[1:], t[:-1])
-        high[rows] = np.where(turned, t[:-1], t[1:])
-        found = _pieces(curve, t) if wanted[edge] and whole(curve) else None
-        if found is None:
-            continue
+    pieces: dict[int, Piece] = {}
+    factors, at_ends = _factors(curves, chains, wanted, needed)
+    weight[list(at_ends)] = list(at_ends.values())
+    table = cover.rim[:, 0] * len(cover.points) + cover.rim[:, 1]
+    for edge, factor in factors.items():
+        curve, chain = curves[edge], chains[edge]
+        t = parameters(curve, cover.points[chain], places.get(edge))
+        found = _pieces(curve, t, factor)
+        pairs = np.sort(np.column_stack([chain[:-1], chain[1:]]), axis=1)
+        rows = np.searchsorted(table, pairs[:, 0] * len(cover.points) + pairs[:, 1])
         exact[rows] = True
-        weight[chain[1:-1]] = found[1:, 0, 3]
-        pieces |= {
-            row: piece[::-1] if back else piece
-            for row, piece, back in zip(rows, found, turned.tolist(), strict=True)
-        }
-    return Rims(low, high, exact, pieces, weight)
+        weight[chain[1:-1]] = [piece.points[0, 3] for piece in found[1:]]
+        for row, piece, back in zip(
+            rows.tolist(), found, (chain[:-1] > chain[1:]).tolist(), strict=True
+        ):
+            pieces[row] = piece.turned() if back else piece
+    return Rims(exact, pieces, weight)
 
 
-def _pieces(curve: SplineCurve, t: np.ndarray) -> np.ndarray | None:
-    """Bézier points of the pieces between parameters, (k, p + 1, 4); None where a knot is inside.
-
-    Weights are 1 at both ends of the curve.
-    """
+def parameters(curve: SplineCurve, points: np.ndarray, share: np.ndarray | None) -> np.ndarray:
+    """Parameters of the corners along an edge, rising from one end of the curve to the other."""
+    low, high = curve.knots[0], curve.knots[-1]
+    if share is None:
+        t = np.maximum.accumulate(curve.project(points))
+    else:
+        t = low + share * (high - low)
+    t[[0, -1]] = low, high
     lines = bspline.breakpoints(curve.knots)
-    size = lines[-1] - lines[0]
-    near = np.abs(lines[1:-1, None] - t).argmin(axis=1) if len(lines) > 2 else np.zeros(0, int)
-    if np.any(np.abs(lines[1:-1] - t[near]) > 1e-9 * size):
-        return None
-    at = t.copy()
-    at[near] = lines[1:-1]
-    at[[0, -1]] = lines[[0, -1]]
+    near = lines[np.abs(t[:, None] - lines).argmin(axis=1)]
+    return np.where(np.abs(near - t) <= 1e-9 * (high - low), near, t)
+
+
+def _factors(
+    curves: Sequence[SplineCurve | None],
+    chains: Mapping[int, np.ndarray],
+    wanted: np.ndarray,
+    needed: np.ndarray,
+) -> tuple[dict[int, float], dict[int, float]]:
+    """Factor of the weights of each edge that is exact, and weights at its ends.
+
+    A curve may be multiplied by one factor. Its weights at both ends must be those of the other
+    curves there: a curve for which that cannot be is left out.
+    """
+    group: dict[int, tuple[int, float]] = {}  # corner: root, logarithm of its weight to the root's
+
+    def root(corner: int) -> tuple[int, float]:
+        level = 0.0
+        while corner in group:
+            corner, more = group[corner]
+            level += more
+        return corner, level
+
+    begins = {}
+    order = sorted(chains, key=lambda edge: (not needed[edge], edge))
+    for edge in order:
+        curve, chain = curves[edge], chains[edge]
+        spans = len(bspline.breakpoints(curve.knots)) - 1
+        if not (needed[edge] or (wanted[edge] and spans <= MOST_SPANS)):
+            continue
+        ratio = float(np.log(curve.weights[-1] / curve.weights[0]))
+        (a, at_a), (b, at_b) = root(int(chain[0])), root(int(chain[-1]))
+        if a != b:
+            group[b] = (a, at_a + ratio - at_b)
+        elif abs(at_a + ratio - at_b) > 1e-9:
+            continue
+        begins[edge] = int(chain[0])
+    factors, weights = {}, {}
+    for edge, first in begins.items():
+        for corner in (first, int(chains[edge][-1])):
+            weights[corner] = float(np.exp(root(corner)[1]))
+        factors[edge] = weights[first] / float(curves[edge].weights[0])
+    return factors, weights
+
+
+def _pieces(curve: SplineCurve, t: np.ndarray, factor: float) -> list[Piece]:
+    """Parts of a curve between rising parameters."""
+    degree = curve.degree
     values, counts = bspline.multiplicities(curve.knots)
-    times = np.full(len(at), curve.degree)
-    times[[0, -1]] = curve.degree + 1
-    place = np.searchsorted(at, values)
-    if np.any(counts[1:-1] > times[place[1:-1]]):
-        return None
+    every = np.unique(np.concatenate([values, t]))
+    times = np.zeros(len(every), dtype=int)
+    times[np.searchsorted(every, values)] = counts
+    corner = np.searchsorted(every, t)
+    times[corner] = np.maximum(times[corner], degree)
+    knots = np.repeat(every, times)
     points = np.hstack([curve.control_points * curve.weights[:, None], curve.weights[:, None]])
-    raised = bspline.insertion_matrix(curve.degree, curve.knots, np.repeat(at, times)) @ points
-    first = curve.degree * np.arange(len(at) - 1)
-    found = raised[first[:, None] + np.arange(curve.degree + 1)]
-    return found / curve.weights[0]
+    points = factor * (bspline.insertion_matrix(degree, curve.knots, knots) @ points)
+    first = np.searchsorted(knots, t[:-1], side="right") - degree - 1
+    last = np.searchsorted(knots, t[1:], side="left") - 1
+    found = []
+    for a, b, low, high in zip(
+        first.tolist(), last.tolist(), t[:-1].tolist(), t[1:].tolist(), strict=True
+    ):
+        inner = knots[a + degree + 1 : b + 1]
+        ends = np.repeat([0.0, 1.0], degree + 1)
+        own = np.insert(ends, degree + 1, (inner - low) / (high - low))
+        found.append(Piece(own, points[a : b + 1]))
+    return found
