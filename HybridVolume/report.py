@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from HybridVolume import __version__
+from HybridVolume.core.covering.kinds import ROUNDING
 from HybridVolume.errors import FaultError, HybridVolumeError
 from HybridVolume.geometry_figures import with_moves
 
@@ -135,7 +136,9 @@ def input_part(source: Mapping[str, Any], surface: PatchSurface) -> dict[str, An
     """
     found = {**source, **surface_figures(surface)}
     if "geometry" in source:
-        moved = surface.moved > _ROUNDING * surface.diagonal
+        # sides of covers are raised to common degrees and cut at common knots
+        covered = source["geometry"]["tolerance"] is not None
+        moved = surface.moved > (ROUNDING if covered else _ROUNDING) * surface.diagonal
         moves: dict[str, float] = {}
         for k in np.flatnonzero(moved).tolist():
             name = surface.patches[k].face
