@@ -2,9 +2,10 @@
 # SPDX-FileCopyrightText: The HybridVolume authors
 """A body's outline and geometry, and its cover, as files between FreeCAD and the mesher's process.
 
-The process is ``python -m HybridVolume.core.covering.exchange FOLDER``: Gmsh may crash or never
-end, and takes nothing with it. It reads ``body.brep``, ``body.npz`` and ``task.json`` and writes
-``cover.npz``, or ``error.json`` and ends with 2.
+The process is ``python -m HybridVolume.core.covering.exchange FOLDER``. It reads ``body.brep``,
+``body.npz`` and ``task.json``, tells its progress a JSON object a line as :mod:`...protocol` has
+it, and writes ``cover.npz``, or ``error.json`` and ends with 2. It ends itself when its time is
+over, when who asked is gone, and says so when the memory is too small.
 """
 
 from __future__ import annotations
@@ -12,22 +13,39 @@ from __future__ import annotations
 import json
 import logging
 import sys
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 
 import numpy as np
 
-from ...errors import HybridVolumeError
+from ...errors import FaultError, HybridVolumeError, SetupError
 from ..surface import SplineFace
+from ..tetmesh.run import end_with_parent
 from .cover import Cover, cover_body
 from .geometry import SplineCurve
+from .limits import end_after, end_with_input, limit_memory, too_large, too_long
 from .outline import Outline
+
+logger = logging.getLogger(__name__)
 
 BREP, BODY, TASK, COVER, ERROR = (
     *("body.brep", "body.npz", "task.json"),
     *("cover.npz", "error.json"),
 )
+
+SECONDS = 240.0
+"""Longest time for a body, if the task says no other."""
+WORTH = 0.15
+"""No other sizes are tried when less than this share of the time is left."""
+ATTEMPTS = (
+    {"turn": 60.0, "share": 5.0},
+    {"turn": 45.0, "share": 8.0},
+    {"turn": 30.0, "share": 12.0},
+)
+"""Sizes of the first quads: the largest turn of an edge in an interval, degrees, and how often an
+interval goes into the diagonal."""
 
 
 def write_body(
@@ -45,7 +63,8 @@ def write_body(
     outline : Outline
     curves, surfaces : sequences
     task : mapping
-        Keywords of :func:`.cover.cover_body`.
+        Keywords of :func:`.cover.cover_body`; ``seconds`` for all that is tried, and ``memory``,
+        the most address space in bytes.
     """
     arrays = {f"outline/{f.name}": getattr(outline, f.name) for f in fields(Outline)}
     for k, curve in enumerate(curves):
@@ -118,14 +137,36 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folder = Path((sys.argv[1:] if arguments is None else arguments)[0])
     logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(message)s")
     outline, curves, surfaces, task = read_body(folder)
-    try:
-        cover = cover_body(folder / BREP, outline, curves, surfaces, **task)
-    except HybridVolumeError as error:
+    seconds = float(task.pop("seconds", SECONDS))
+    where = ["preparing"]
+
+    def refused(error: HybridVolumeError) -> int:
         told = {"message": error.message, "faces": list(error.faces), "remedy": error.remedy}
-        (folder / ERROR).write_text(json.dumps({**told, "figure": error.figure}))
+        part = folder / f"{ERROR}.part"
+        part.write_text(json.dumps({**told, "figure": error.figure}), encoding="utf-8")
+        part.replace(folder / ERROR)
         return 2
+
+    def progress(share: float, words: str) -> None:
+        where[0] = words
+        line = {"stage": "covering", "fraction": share, "text": words}
+        print(json.dumps(line), flush=True)
+
+    end_with_parent()
+    end_with_input()
+    most = limit_memory(task.pop("memory", None))
+    timer = end_after(seconds, lambda: refused(too_long(seconds, where[0])))
+    try:
+        cover = _cover(folder, outline, curves, surfaces, task, 0.9 * seconds, progress)
+    except MemoryError:
+        return refused(too_large(most))
+    except HybridVolumeError as error:
+        return refused(error)
+    finally:
+        timer.cancel()
+    part = folder / f"part-{COVER}"
     np.savez(
-        folder / COVER,
+        part,
         patches=len(cover.faces),
         origin=cover.origin,
         deviation=cover.deviation,
@@ -133,7 +174,65 @@ def main(arguments: Sequence[str] | None = None) -> int:
         kinds=np.array(cover.kinds),
         **_face_arrays("patch", cover.faces),
     )
+    part.replace(folder / COVER)
     return 0
+
+
+def _cover(
+    folder: Path,
+    outline: Outline,
+    curves: Sequence[SplineCurve | None],
+    surfaces: Sequence[SplineFace],
+    task: Mapping[str, float],
+    seconds: float,
+    progress: Callable[[float, str], None],
+) -> Cover:
+    """The cover that is found first, with one size of quads after the other.
+
+    Raises
+    ------
+    HybridVolumeError
+        None is found: the failure that concerns the fewest faces.
+    """
+    attempts = [{}] if "turn" in task else ATTEMPTS
+    failures: list[HybridVolumeError] = []
+    began = time.monotonic()
+    for number, attempt in enumerate(attempts):
+        left = seconds - (time.monotonic() - began)
+        if failures and left < WORTH * seconds:
+            break
+        done = 1.0 - 0.5**number
+
+        def told(share: float, words: str, done: float = done) -> None:
+            progress(done + 0.5 * (1.0 - done) * share, words)
+
+        last = number == len(attempts) - 1
+        try:
+            return cover_body(
+                folder / BREP,
+                outline,
+                curves,
+                surfaces,
+                **{**attempt, **task},
+                seconds=left if last else 0.5 * left,
+                progress=told,
+            )
+        except SetupError:
+            raise
+        except HybridVolumeError as error:
+            logger.info("attempt %d: %s", number + 1, error.line)
+            failures.append(error)
+        except (ArithmeticError, LookupError, ValueError, np.linalg.LinAlgError) as error:
+            # a fault of ours with these quads need not be one with others
+            logger.exception("attempt %d", number + 1)
+            failures.append(
+                FaultError(
+                    f"covering the faces failed ({type(error).__name__}: {error})",
+                    remedy="please report this body",
+                )
+            )
+    named = [error for error in failures if error.faces]
+    raise min(named, key=lambda error: len(error.faces)) if named else failures[0]
 
 
 if __name__ == "__main__":

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from .mesher import Answer, Request, along
@@ -12,8 +14,8 @@ MATCH = 1e-5
 """Edges are told apart by their ends and middles to this share of the diagonal."""
 
 
-def mesh_faces(request: Request) -> Answer:
-    """Mesh the faces of a request; a face that Gmsh gave up has no elements.
+def mesh_faces(request: Request) -> Iterator[Answer]:
+    """Mesh the faces of a request, all at once; a face that Gmsh gave up has no elements.
 
     Raises
     ------
@@ -50,7 +52,7 @@ def mesh_faces(request: Request) -> Answer:
         if not gmsh.model.mesh.getElements(2)[0].size:
             raise
         print(f"Gmsh: {error}")
-    return _read(gmsh, request, curve, surface)
+    yield _read(gmsh, request, curve, surface)
 
 
 def _tags(gmsh: object, request: Request) -> tuple[np.ndarray, np.ndarray]:
@@ -117,7 +119,8 @@ def _read(gmsh: object, request: Request, curve: np.ndarray, surface: np.ndarray
             rim += rims
     if not elements:
         raise RuntimeError("no face was meshed")
-    return Answer(points, np.concatenate(elements), np.concatenate(faces), np.concatenate(rim))
+    parts = (np.concatenate(rows) for rows in (elements, faces, rim))
+    return Answer(points, *parts, request.faces)
 
 
 def _chain(

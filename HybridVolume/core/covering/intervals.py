@@ -41,7 +41,12 @@ def lower_bounds(outline: Outline, turn: float, size: float) -> np.ndarray:
     """
     by_turn = np.ceil(outline.turning / turn - 1e-6)
     by_size = np.ceil(outline.length / size - 1e-6)
-    return np.maximum(1, np.maximum(by_turn, by_size)).astype(int)
+    # edges between the same vertices, and closed ones, must not fall together
+    ends = np.sort(outline.edges, axis=1)
+    _, inverse, count = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
+    twins = np.where(count[inverse.ravel()] > 1, 2, 1)
+    least = np.where(ends[:, 0] == ends[:, 1], 3, twins)
+    return np.maximum(least, np.maximum(by_turn, by_size)).astype(int)
 
 
 def assign_intervals(

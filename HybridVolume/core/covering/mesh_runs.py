@@ -9,6 +9,8 @@ import os
 import signal
 import subprocess
 import tempfile
+import time
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,9 +18,22 @@ import numpy as np
 
 from ...errors import MesherError
 from ..tetmesh.door import interpreter
-from .mesher import ANSWER, COMPLAINT, Answer, Request
+from .mesher import ANSWERS, COMPLAINT, Answer, Request, one_by_one
 
 logger = logging.getLogger(__name__)
+
+FACE_SECONDS = 20.0
+"""Longest time of a mesher for a face, where it meshes them one by one."""
+RESTARTS = 10
+"""So often a mesher goes on behind a face that it cannot end."""
+
+_running: set[subprocess.Popen] = set()
+
+
+def kill_meshers() -> None:
+    """End all meshers that run for this process."""
+    for process in tuple(_running):
+        process.kill()
 
 
 def run_mesher(engine: str, request: Request, seconds: float) -> Answer:
@@ -34,8 +49,34 @@ def run_mesher(engine: str, request: Request, seconds: float) -> Answer:
     Raises
     ------
     MesherError
-        It crashes, does not end, has too little memory, complains, or its answer is damaged.
+        It gives nothing: it crashes, does not end, has too little memory, complains, or its answer
+        is damaged. A mesher that works face by face leaves out faces where it does so.
     """
+    ends = time.monotonic() + seconds
+    left = request.faces
+    answers: list[Answer] = []
+    reasons: list[str] = []
+    for _ in range(RESTARTS + 1):
+        found, reason = _run(engine, replace(request, faces=left), ends - time.monotonic())
+        answers += [_whole(engine, answer) for answer in found]
+        if not reason:
+            left = left[:0]
+            break
+        reasons.append(reason)
+        logger.info("%s", reason)
+        if not one_by_one(engine):
+            break
+        # the face behind the last one that it got over is the one it cannot do
+        left = left[sum(len(answer.done) for answer in found) + 1 :]
+        if not len(left) or time.monotonic() > ends:
+            break
+    if not any(len(answer.elements) for answer in answers):
+        raise MesherError("; ".join(dict.fromkeys(reasons)) or f"{engine} meshes none of the faces")
+    return Answer.joined(answers)
+
+
+def _run(engine: str, request: Request, seconds: float) -> tuple[list[Answer], str]:
+    """What a mesher gives in a process, and why it gives no more; that is empty at a good end."""
     root = Path(__file__).resolve().parents[3]
     variables = dict(os.environ)
     path = [str(root), *(p for p in variables.get("PYTHONPATH", "").split(os.pathsep) if p)]
@@ -54,25 +95,44 @@ def run_mesher(engine: str, request: Request, seconds: float) -> Answer:
                 env=variables,
                 cwd=folder,
             )
+            _running.add(process)
             try:
-                code = process.wait(seconds)
-            except subprocess.TimeoutExpired:
-                raise MesherError(
-                    f"{engine} gave no answer within {seconds:.0f} s", figure=seconds
-                ) from None
+                code = _wait(process, folder, seconds, one_by_one(engine))
             finally:
                 if process.poll() is None:
                     process.kill()
                     process.wait()
+                _running.discard(process)
         said = (folder / "log.txt").read_text(encoding="utf-8", errors="replace")
         logger.debug("%s said: %s", engine, said[-2000:])
-        if not (folder / ANSWER).is_file():
-            raise MesherError(_reason(engine, code, folder / COMPLAINT, said))
         try:
-            answer = Answer.read(folder)
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise MesherError(f"{engine} left a damaged answer ({error})") from error
-    return _whole(engine, answer)
+            answers = [Answer.read(path) for path in sorted(folder.glob(ANSWERS))]
+        except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+            return [], f"{engine} left a damaged answer ({error})"
+        if code is None:
+            return answers, f"{engine} gave no answer in time"
+        if code == 0 and answers:
+            return answers, ""
+        return answers, _reason(engine, code, folder / COMPLAINT, said)
+
+
+def _wait(process: subprocess.Popen, folder: Path, seconds: float, by_face: bool) -> int | None:
+    """Exit code of a mesher; None where it does not end in time."""
+    ends = time.monotonic() + seconds
+    count, since = 0, time.monotonic()
+    while True:
+        now = time.monotonic()
+        if by_face:
+            new = sum(1 for _ in folder.glob(ANSWERS))
+            if new > count:
+                count, since = new, now
+        limit = min(ends, since + FACE_SECONDS) if by_face else ends
+        if now > limit:
+            return None
+        try:
+            return process.wait(min(0.25, limit - now) if by_face else limit - now)
+        except subprocess.TimeoutExpired:
+            continue
 
 
 def _whole(engine: str, answer: Answer) -> Answer:

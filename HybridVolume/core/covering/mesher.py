@@ -2,8 +2,8 @@
 # SPDX-FileCopyrightText: The HybridVolume authors
 """The process in which faces are meshed: ``python -m HybridVolume.core.covering.mesher FOLDER``.
 
-Reads ``request.npz`` and writes ``answer.npz``, or ``error.txt`` with a complaint. Meshers crash or
-never end on some faces, and take nothing with them here.
+Reads ``request.npz`` and writes ``answer-000000.npz`` and so on, or ``error.txt`` with a complaint.
+Meshers crash or never end on some faces, and take nothing with them here.
 """
 
 from __future__ import annotations
@@ -11,13 +11,26 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 
 ADAPTERS = {"gmsh": "gmsh_faces", "netgen": "netgen_faces"}
-REQUEST, ANSWER, COMPLAINT = "request.npz", "answer.npz", "error.txt"
+ONE_BY_ONE = ("netgen",)
+"""Meshers that answer face by face: what they have done counts when they come to a bad end."""
+REQUEST, ANSWER, ANSWERS, COMPLAINT = (
+    "request.npz",
+    "answer-{:06d}.npz",
+    "answer-*.npz",
+    "error.txt",
+)
+
+
+def one_by_one(engine: str) -> bool:
+    """Whether a mesher answers face by face."""
+    return engine in ONE_BY_ONE
 
 
 @dataclass(frozen=True)
@@ -97,23 +110,51 @@ class Answer:
     face : (m,) int array
     rim : (k, 4) int array
         Face, edge, point, and the number of the interval on the edge that begins there.
+    done : (d,) int array
+        Faces that were tried, in the order of the request; some may have no elements.
     """
 
     points: np.ndarray
     elements: np.ndarray
     face: np.ndarray
     rim: np.ndarray
-
-    def write(self, folder: Path) -> None:
-        """Write it for :meth:`read`; nobody sees half a file."""
-        part = folder / f"part-{ANSWER}"
-        np.savez(part, **{f.name: getattr(self, f.name) for f in fields(self)})
-        os.replace(part, folder / ANSWER)
+    done: np.ndarray
 
     @classmethod
-    def read(cls, folder: Path) -> Answer:
+    def nothing(cls, face: int) -> Answer:
+        """The answer for a face that was not meshed."""
+        empty = np.zeros((0, 4), dtype=int)
+        return cls(np.zeros((0, 3)), empty, empty[:, 0], empty, np.array([face]))
+
+    @classmethod
+    def joined(cls, answers: Sequence[Answer]) -> Answer:
+        """Several answers in one."""
+        before = np.cumsum([0, *(len(answer.points) for answer in answers)])
+        elements = [
+            np.where(answer.elements >= 0, answer.elements + count, -1)
+            for answer, count in zip(answers, before, strict=False)
+        ]
+        rims = [
+            answer.rim + [0, 0, count, 0] for answer, count in zip(answers, before, strict=False)
+        ]
+        return cls(
+            np.concatenate([answer.points for answer in answers]),
+            np.concatenate(elements),
+            np.concatenate([answer.face for answer in answers]),
+            np.concatenate(rims),
+            np.concatenate([answer.done for answer in answers]),
+        )
+
+    def write(self, folder: Path, number: int) -> None:
+        """Write it for :meth:`read`; nobody sees half a file."""
+        part = folder / "part.npz"
+        np.savez(part, **{f.name: getattr(self, f.name) for f in fields(self)})
+        os.replace(part, folder / ANSWER.format(number))
+
+    @classmethod
+    def read(cls, path: Path) -> Answer:
         """What :meth:`write` wrote."""
-        with np.load(folder / ANSWER) as file:
+        with np.load(path) as file:
             return cls(**{f.name: file[f.name] for f in fields(cls)})
 
 
@@ -140,12 +181,12 @@ def main(folder: Path, engine: str) -> int:
     end_with_parent()
     adapter = importlib.import_module(f"{__package__}.{ADAPTERS[engine]}")
     try:
-        answer = adapter.mesh_faces(Request.read(folder))
+        for number, answer in enumerate(adapter.mesh_faces(Request.read(folder))):
+            answer.write(folder, number)
     except Exception as error:  # whatever a foreign mesher raises becomes one sentence
         text = str(error).strip() or "no reason"
         (folder / COMPLAINT).write_text(f"{type(error).__name__}: {text}", encoding="utf-8")
         return 3
-    answer.write(folder)
     return 0
 
 

@@ -7,7 +7,7 @@ Every face is meshed for itself: one that fails takes no other with it.
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -17,60 +17,50 @@ MATCH = 1e-5
 """Edges are told apart by their ends and middles to this share of the diagonal."""
 FLAT = 1e-10
 """Shorter edges, as a share of the diagonal, are degenerate: without a curve."""
-GRADING = 0.5
+GRADING = 0.9
 """How many mm edges grow by a mm away from the rim."""
 SAMPLES = 100
 """Points of an edge by which its arc length is measured, at least."""
 
 
-def mesh_faces(request: Request) -> Answer:
-    """Mesh the faces of a request; a face that Netgen gave up has no elements.
+def mesh_faces(request: Request) -> Iterator[Answer]:
+    """Mesh the faces of a request one by one; a face that Netgen gives up has no elements.
 
     Raises
     ------
     RuntimeError
-        Netgen reads another solid, or meshes no face at all.
+        Netgen reads another solid.
     """
     from netgen import meshing, occ
 
-    shape = occ.OCCGeometry(request.brep).shape
-    faces = list(shape.faces)
+    faces = list(occ.OCCGeometry(request.brep).shape.faces)
     numbers = _numbers(faces, request)
-    sizes = _size_file(request)
     keywords = {
         "maxh": request.size,
         "grading": GRADING,
-        "meshsizefilename": str(sizes),
         "minedgelen": 1e-9 * request.diagonal,
         "quad_dominated": request.quads,
         "perfstepsend": meshing.MeshingStep.MESHSURFACE,
     }
-    points, elements, owner, rim = [], [], [], []
-    count = 0
     for face in request.faces.tolist():
-        occ_face = faces[numbers[face]]
-        occ_face.quad_dominated = request.quads
+        own = faces[numbers[face]]
+        own.quad_dominated = request.quads
         try:
-            mesh = occ.OCCGeometry(occ_face).GenerateMesh(**keywords)
+            mesh = occ.OCCGeometry(own).GenerateMesh(**keywords)
         except Exception as error:  # netgen raises plain exceptions
             print(f"Face{face + 1}: {type(error).__name__}: {error}")
+            yield Answer.nothing(face)
             continue
-        own = np.array(mesh.Coordinates(), dtype=float).reshape(-1, 3)
+        points = np.array(mesh.Coordinates(), dtype=float).reshape(-1, 3)
         corners = mesh.Elements2D().NumPy()["nodes"][:, :4]
         table = np.full((len(corners), 4), -1)
         table[:, : corners.shape[1]] = corners.astype(int) - 1  # 0 behind triangles among quads
-        found = _rim(mesh, own, request, face)
-        if not len(table) or found is None:
-            print(f"Face{face + 1}: {len(table)} elements, edges {found is not None}")
-            continue
-        elements.append(np.where(table >= 0, table + count, -1))
-        owner.append(np.full(len(table), face))
-        rim.append(found + [0, 0, count, 0])
-        points.append(own)
-        count += len(own)
-    if not elements:
-        raise RuntimeError("no face was meshed")
-    return Answer(*(np.concatenate(parts) for parts in (points, elements, owner, rim)))
+        rim = _rim(mesh, points, request, face) if len(table) else None
+        if rim is None:
+            print(f"Face{face + 1}: {len(table)} elements, edges not as wanted")
+            yield Answer.nothing(face)
+        else:
+            yield Answer(points, table, np.full(len(table), face), rim, np.array([face]))
 
 
 def _numbers(faces: list, request: Request) -> list[int]:
@@ -85,17 +75,16 @@ def _numbers(faces: list, request: Request) -> list[int]:
         for edge in face.edges:
             if edge.mass <= FLAT * request.diagonal:
                 continue
-            samples, low, high = _samples(edge, SAMPLES)
+            samples = _samples(edge, SAMPLES)
             key = np.concatenate([samples[SAMPLES // 2], samples[0] + samples[-1]])
             distance, nearest = tree.query(key)
             if distance > MATCH * request.diagonal:
                 raise RuntimeError("other edges are read than FreeCAD has")
             own.add(int(used[nearest]))
             count = int(request.intervals[used[nearest]])
-            if count > 1:
-                if 4 * count > SAMPLES:
-                    samples, low, high = _samples(edge, 4 * count)
-                edge.partition = _even(samples, count)
+            if 4 * count > SAMPLES:
+                samples = _samples(edge, 4 * count)
+            edge.partition = _even(samples, count)  # empty: one part, or Netgen takes more
         known.setdefault(frozenset(own), []).append(number)
     numbers = []
     for face in range(int(request.face.max()) + 1):
@@ -106,10 +95,10 @@ def _numbers(faces: list, request: Request) -> list[int]:
     return numbers
 
 
-def _samples(edge: object, parts: int) -> tuple[np.ndarray, float, float]:
+def _samples(edge: object, parts: int) -> np.ndarray:
     low, high = edge.parameter_interval
     values = [edge.Value(t) for t in np.linspace(low, high, parts + 1).tolist()]
-    return np.array([(p.x, p.y, p.z) for p in values]), low, high
+    return np.array([(p.x, p.y, p.z) for p in values])
 
 
 def _even(samples: np.ndarray, count: int) -> np.ndarray:
@@ -117,22 +106,6 @@ def _even(samples: np.ndarray, count: int) -> np.ndarray:
     length = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(samples, axis=0), axis=1)))
     wanted = length[-1] * np.arange(1, count) / count
     return np.interp(wanted, length, np.linspace(0.0, 1.0, len(samples)))
-
-
-def _size_file(request: Request) -> Path:
-    """Lengths of intervals at their ends, as Netgen reads them."""
-    path = Path("sizes.txt").absolute()
-    edges = np.unique(request.edge[np.isin(request.face, request.faces)]).tolist()
-    rows = []
-    for edge in edges:
-        own = request.points[request.first[edge] : request.first[edge + 1]]
-        length = np.linalg.norm(np.diff(own, axis=0), axis=1)
-        size = 0.5 * (np.append(length, length[-1]) + np.append(length[0], length))
-        rows.append(np.column_stack([own, size]))
-    table = np.concatenate(rows)
-    lines = [" ".join(f"{x:.17g}" for x in row) for row in table.tolist()]
-    path.write_text("\n".join([str(len(table)), *lines, "0", ""]), encoding="ascii")
-    return path
 
 
 def _rim(mesh: object, points: np.ndarray, request: Request, face: int) -> np.ndarray | None:
