@@ -158,7 +158,7 @@ def test_several_bodies_one_refused(place, python):
     decisions = ("--keep-sheet", "Face5+Face4", "--remove-sheet", "Face1+Face3")
     mesh = ("--order", "1", "--fem-layers", "3", "--layer-growth", "2")
     files = ("--export", "msh,vtu,step", "--export", "mfem,gismo")
-    answer = run(place, "two.step", "--layers", "1", *mesh, *files, *decisions)
+    answer = run(place, "two.step", "--no-cover", "--layers", "1", *mesh, *files, *decisions)
     assert answer.returncode == 2
     (line,) = answer.stderr.splitlines()
     assert line.startswith("error: two_2: Face") and "seam" in line
@@ -195,6 +195,47 @@ def test_several_bodies_one_refused(place, python):
         assert doc.Midstructure.Decisions == sheets["decided"]
         assert doc.FemMesh.Layers == 3 and doc.FemMesh.Growth == 2.0
         assert doc.Midstructure.Kept.count(True) == 2 and doc.HybridVolume.Status == "Up to date"
+    finally:
+        FreeCAD.closeDocument(doc.Name)
+
+
+def test_covered_bodies_beside_a_refused_one(place, python):
+    """A ball, which has a seam and poles, and a box without a lid, in one file."""
+    open_box = Part.Solid(Part.Shell(box(at=(20, 0, 0)).Faces[:5]))
+    Part.makeCompound([Part.makeSphere(5), open_box]).exportBrep(str(place / "two.brep"))
+    wanted = ("--thickness", "1 mm", "--face-factor", "Face1=0.5", "--cover-tolerance", "0.02 mm")
+    answer = run(place, "two.brep", *wanted, "--order", "1", "--export", "step")
+    assert answer.returncode == 2
+    assert answer.stderr.startswith("error: two_2: ") and "the body is open" in answer.stderr
+    said = "1 face: 1 exact; covered with 6 patches"
+    lines = answer.stdout.splitlines()
+    assert f"two_1: {said}" in lines
+    found = json.loads((place / "two" / "report.json").read_text())
+    (one,) = found["volumes"]
+    given = one["input"]
+    geometry = given["geometry"]
+    assert geometry["tolerance"] == 0.02 and geometry["sentence"] == said == one["notes"][0]
+    assert geometry["counts"] == {"bit": 0, "exact": 1, "tolerance": 0}
+    assert geometry["area"] == {"bit": 0.0, "exact": 1.0, "tolerance": 0.0}
+    (row,) = geometry["faces"]
+    assert (row["name"], row["kind"], row["patches"]) == ("Face1", "exact", 6)
+    assert row["area"] == pytest.approx(100 * np.pi, rel=1e-9)
+    assert row["deviation"] == geometry["max_deviation"] <= 1e-13
+    assert (given["faces"], given["faces_exact"], given["patches"]) == (1, 1, 6)
+    assert given["volume"] == pytest.approx(500 / 3 * np.pi, rel=1e-12)
+    assert one["fem"]["faces_covered"] == 1
+    # the face's factor holds for all of its patches
+    (thickness,) = one["shell"]["faces"]
+    assert thickness["face"] == "Face1"
+    assert thickness["thickness"]["mean"] == pytest.approx(0.5, rel=0.02)
+    surface = Part.Shape()
+    surface.read(str(place / "two" / "two_1_surface.step"))
+    assert len(surface.Faces) == 6 and surface.isValid()
+    doc = FreeCAD.openDocument(str(place / "two" / "two.FCStd"), hidden=True)
+    try:
+        assert doc.Body.Shape.Volume == pytest.approx(500 / 3 * np.pi, rel=1e-9)
+        assert len(doc.Body.Shape.Faces) == 1 and doc.HybridVolume.Status == "Up to date"
+        assert doc.HybridVolume.CoverTolerance.Value == 0.02
     finally:
         FreeCAD.closeDocument(doc.Name)
 
@@ -330,7 +371,7 @@ def test_the_same_from_a_macro(place, python, monkeypatch):
         FreeCAD.closeDocument(doc.Name)
     # a shape alone does as well; what the body is refused for arrives here
     with pytest.raises(SeamError, match="Face1"):
-        HybridVolume.complete(Part.makeCylinder(1, 2))
+        HybridVolume.complete(Part.makeCylinder(1, 2), cover=False)
 
 
 # ------------------------------------------------------------------- stopped on the way

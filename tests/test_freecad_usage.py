@@ -61,7 +61,7 @@ def test_refused_in_one_line(place, python, name):
     make, told = REFUSED[name]
     make(place / name)
     before = tree(place)
-    assert told in one_line(run(place, name), 2)
+    assert told in one_line(run(place, name, "--no-cover"), 2)
     assert tree(place) == before and leftovers(place) == []
 
 
@@ -85,6 +85,9 @@ def test_refused_in_one_line(place, python, name):
         (("box.step", "--face-factor", "Face1=99"), "the factor of Face1 is 99; choose a factor"),
         (("box.step", "--spacing", "thin"), "--spacing: 'thin' is no spacing of layers; give"),
         (("box.step", "--spacing", "ratio 9"), "grow by the factor 9; choose a factor from 0.125"),
+        (("box.step", "--cover-tolerance", "0"), "'0' is no length above 0 mm"),
+        (("box.step", "--cover-tolerance", "x"), "--cover-tolerance: 'x' is no number"),
+        (("cage.obj", "--cover-tolerance", "1"), "cage.obj is a mesh: it needs no cover; leave"),
         (("box.step", "--order", "3"), "--order: invalid choice"),
         (("box.step", "--subdivide", "0"), "--subdivide: parts of a cell: 0; choose a value from"),
         (("box.step", "--size", "-1"), "--size: the size of elements is -1 mm; choose a length"),

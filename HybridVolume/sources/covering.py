@@ -2,8 +2,8 @@
 # SPDX-FileCopyrightText: The HybridVolume authors
 """Solids of any faces covered with four-sided patches, within a tolerance.
 
-Seams are cut away here, in FreeCAD; the mesher runs in the worker's Python, in a process of its
-own with a time limit, and is asked again with other sizes where it crashes.
+Whole spheres are taken out and seams cut away here, in FreeCAD; the rest is covered in the worker's
+Python, in a process of its own that limits its time and memory.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ import contextlib
 import hashlib
 import json
 import logging
-import math
 import queue
 import shutil
 import tempfile
 import time
+import zipfile
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +28,11 @@ import numpy as np
 from .. import errors
 from ..core.covering.exchange import BREP, ERROR, read_cover, write_body
 from ..core.covering.kinds import BIT, EXACT, kinds_of_origins
+from ..core.covering.limits import ended, too_long
 from ..core.surface import SplineFace
 from ..protocol import Progress, parse_line
 from ..worker_process import WorkerProcess, tail, worker_python
+from .covered import Covered, allowed_deviation
 from .distances import surface_distances
 from .exact_geometry import curves_of, surfaces_of
 from .faces import evaluate_face, random_parameters
@@ -41,54 +43,21 @@ from .untrimmed import take_faces
 
 logger = logging.getLogger(__name__)
 
-TOLERANCE = 1e-4
-"""Largest distance of patches from the faces, as a share of the diagonal, if none is given."""
-
 SECONDS = 240.0
-"""Longest time of one attempt."""
+"""Longest time that covering a solid may take."""
 
-ATTEMPTS = (
-    {"turn": 60.0, "share": 5.0},
-    {"turn": 45.0, "share": 8.0},
-    {"turn": 30.0, "share": 12.0},
-)
-"""Sizes of the first quads: the largest turn of an edge in an interval, degrees, and how often an
-interval goes into the diagonal. The next is tried where the mesher crashes or does not end."""
+LATE = 1.2
+"""The process limits its time itself; after so many times that, it is ended from here."""
+
+MARGIN = 0.95
+"""Deviations are measured at samples: so much of the tolerance is aimed at."""
 
 STAGE = "covering"
 """Name of the stage in the progress."""
 
 _MODULE = "HybridVolume.core.covering.exchange"
+_LOG = "log"
 _KEPT = 64
-
-
-@dataclass(frozen=True)
-class Covered:
-    """Patches of a solid.
-
-    Attributes
-    ----------
-    faces : tuple of SplineFace
-        Named after the faces of the solid that they are on: ``Face3`` as often as it has patches.
-    origin : (n,) int array
-        Face of the solid that each patch is on, from 0.
-    deviation : (nf,) array
-        Largest distance of the patches from each face of the solid, mm, at samples.
-    quads : int
-        Quads that the patches were joined from.
-    kinds : tuple of str
-        ``bit``, ``exact`` or ``tolerance`` for each face of the solid, see
-        :mod:`..core.covering.kinds`.
-    tolerance : float
-        Largest deviation that was allowed, mm.
-    """
-
-    faces: tuple[SplineFace, ...]
-    origin: np.ndarray
-    deviation: np.ndarray
-    quads: int
-    kinds: tuple[str, ...]
-    tolerance: float
 
 
 class Covering:
@@ -147,10 +116,8 @@ class Covering:
         self._folder: Path | None = None
         self._given = np.zeros(0, dtype=int)
         self._parted: Parted | None = None
-        self._attempt = 0
         self._began = 0.0
-        self._failures: list[str] = []
-        self._prepared: Callable[[Path, dict], None] | None = None
+        self._said = "preparing"
         self._key = _key(solid, self.tolerance, free_only)
 
     def start(self) -> None:
@@ -164,9 +131,9 @@ class Covering:
             self._end(known)
             return
         try:
-            self._prepare()
-            if self.state == "running":
-                self._launch()
+            imprinted = self._prepare()
+            if imprinted is not None:
+                self._launch(imprinted)
         except errors.HybridVolumeError as error:
             self._end(error)
 
@@ -192,10 +159,11 @@ class Covering:
                         said = parse_line(line)
                         if isinstance(said, Progress):
                             news.append(replace(said, stage=STAGE))
+                            self._said = said.text
             if self.state == "running" and self._process.gone:
                 self._finish()
-            if self.state == "running" and time.monotonic() - self._began > SECONDS:
-                self._retry("time limit")
+            if self.state == "running" and time.monotonic() - self._began > LATE * SECONDS:
+                raise too_long(SECONDS, self._said)
         except errors.HybridVolumeError as error:
             self._end(error)
         return news
@@ -245,13 +213,19 @@ class Covering:
             raise RuntimeError(f"a covering that is {self.state} has no result")
         return self._result
 
-    def _prepare(self) -> None:
-        """Take out whole spheres, cut the seams, describe the rest."""
+    def _prepare(self) -> Any:
+        """Take out whole spheres, cut the seams; return what is left for the mesher, if anything.
+
+        Raises
+        ------
+        InputError
+            The seams cannot be cut; faces of the given solid are named.
+        """
         self._parted = without_spheres(self.solid)
         self._given = self._parted.numbers
         if self._parted.rest is None:
             self._end(self._joined((), np.zeros(0, dtype=int), (), np.zeros(0), 0))
-            return
+            return None
         try:
             imprinted = imprint_seams(self._parted.rest, self.tolerance)
         except errors.InputError as error:
@@ -260,18 +234,8 @@ class Covering:
         whole = self._whole_patches(imprinted.solid)
         if whole is not None:
             self._end(whole)
-            return
-        try:
-            outline = outline_of(imprinted.solid)
-            geometry = curves_of(imprinted.solid), surfaces_of(imprinted.solid)
-        except errors.InputError as error:
-            raise self._renamed(error) from error
-
-        def write(folder: Path, task: dict) -> None:
-            imprinted.solid.exportBrep(str(folder / BREP))
-            write_body(folder, outline, *geometry, task)
-
-        self._prepared = write
+            return None
+        return imprinted.solid
 
     def _whole_patches(self, cut: Any) -> Covered | None:
         """The cover of a solid that needed nothing but its seams cut; None of any other."""
@@ -284,26 +248,34 @@ class Covering:
         count = len(faces)
         return self._joined(faces, np.arange(count), kinds, np.zeros(count), count)
 
-    def _launch(self) -> None:
-        """Start the process of the next attempt.
+    def _launch(self, cut: Any) -> None:
+        """Describe a solid without seams and start the process that covers it.
 
         Raises
         ------
+        InputError
+            It cannot be described; faces of the given solid are named.
         SetupError
-            There is no Python for it.
+            There is no Python for the process.
         WorkerError
             It cannot be made.
         """
         self._python = worker_python(self._python)
-        self._close()
+        try:
+            outline = outline_of(cut)
+            geometry = curves_of(cut), surfaces_of(cut)
+        except errors.InputError as error:
+            raise self._renamed(error) from error
         self._folder = Path(tempfile.mkdtemp(prefix="hybridvolume-"))
-        self._prepared(self._folder, {"tolerance": self.tolerance, **ATTEMPTS[self._attempt]})
+        cut.exportBrep(str(self._folder / BREP))
+        task = {"tolerance": MARGIN * self.tolerance, "seconds": SECONDS}
+        write_body(self._folder, outline, *geometry, task)
         try:
             self._process = WorkerProcess(
                 self._python,
                 _MODULE,
                 self._folder,
-                self._folder / "log",
+                self._folder / _LOG,
                 free_only=self.free_only,
             )
         except OSError as fault:
@@ -313,38 +285,26 @@ class Covering:
         self._began = time.monotonic()
 
     def _finish(self) -> None:
-        """Turn the end of the process into a result, a refusal, or another attempt."""
+        """Turn the end of the process into a result or a refusal."""
         code = self._process.code
         if code == 0:
-            found = read_cover(self._folder)
+            try:
+                found = read_cover(self._folder)
+            except (OSError, ValueError, LookupError, zipfile.BadZipFile) as fault:
+                raise errors.WorkerError(
+                    f"the cover cannot be read ({type(fault).__name__}: {fault})",
+                    remedy="try again",
+                ) from fault
             self._end(
                 self._joined(found.faces, found.origin, found.kinds, found.deviation, found.quads)
             )
+        elif code is None:
+            raise self._process.death()
         elif code == 2 and (self._folder / ERROR).is_file():
             told = json.loads((self._folder / ERROR).read_text())
             self._end(self._renamed(errors.InputError(**told)))
         else:
-            self._retry(f"code {code}")
-
-    def _retry(self, why: str) -> None:
-        """Try the next sizes after a crash.
-
-        Raises
-        ------
-        InputError
-            There are none left.
-        """
-        self._failures.append(why)
-        logger.warning("%s: covering failed (%s)", self.name, why)
-        logger.debug("%s", tail(self._folder / "log"))
-        self._attempt += 1
-        if self._attempt == len(ATTEMPTS):
-            raise errors.InputError(
-                f"the mesher of the faces fails ({', '.join(self._failures)})",
-                remedy="simplify the body in the CAD program: merge narrow faces, remove small"
-                " ones",
-            )
-        self._launch()
+            self._end(ended(code, tail(self._folder / _LOG)))
 
     def _end(self, found: Covered | errors.HybridVolumeError) -> None:
         if isinstance(found, Covered):
@@ -364,7 +324,7 @@ class Covering:
             self._process.stop(gently=self.state == "done")
             self._process = None
         if self._folder is not None:
-            self.log = tail(self._folder / "log")
+            self.log = tail(self._folder / _LOG)
             shutil.rmtree(self._folder, ignore_errors=True)
             self._folder = None
 
@@ -444,31 +404,6 @@ def is_known(solid: Any, tolerance: float | None = None, *, free_only: bool = Fa
         As for :class:`Covering`.
     """
     return _key(solid, allowed_deviation(solid, tolerance), free_only) in _MEMORY
-
-
-def allowed_deviation(solid: Any, tolerance: float | None) -> float:
-    """Largest distance of patches from the faces of a solid, mm.
-
-    Parameters
-    ----------
-    solid : Part.Shape
-    tolerance : float or None
-        What is asked for, mm; None or 0: 1e-4 of the diagonal.
-
-    Raises
-    ------
-    InputError
-        It is no length.
-    """
-    if not tolerance:
-        return TOLERANCE * solid.BoundBox.DiagonalLength
-    allowed = float(tolerance)
-    if not (math.isfinite(allowed) and allowed > 0.0):
-        raise errors.InputError(
-            f"the tolerance {tolerance!r} is no length above 0 mm",
-            remedy="give a length in mm, or 0 for 1e-4 of the diagonal",
-        )
-    return allowed
 
 
 def _key(solid: Any, tolerance: float, free_only: bool) -> tuple:
