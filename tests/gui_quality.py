@@ -8,7 +8,9 @@ from gui_midstructure import click as click_at
 from gui_midstructure import colour_at, drag, on_screen, press_standard, release, whole_window
 from gui_scenarios import (
     FOLDER,
+    can_of_height,
     message_box,
+    new_can,
     new_document,
     open_panel,
     red_share,
@@ -243,13 +245,13 @@ def refused(answer):
     from HybridVolume.errors import Place, SingularSurfaceError
     from HybridVolume.gui import messages, red_places
 
-    doc, cylinder = new_document("Part::Cylinder", "Cylinder")
+    doc, can = new_can()
     whole_window()
     look_along_x()
     view = FreeCADGui.activeDocument().activeView()
     before, content = drawn(doc), state(doc)
-    answer["red before"] = colour_at(on_screen((float(cylinder.Radius), 0.8, 5.0)))
-    open_panel(cylinder)
+    answer["red before"] = colour_at(on_screen((2.0, 0.8, 5.0)))
+    open_panel(can)
     click_panel("run")
     wait_for(message_box)
     answer["message"] = message_box().text()
@@ -257,25 +259,25 @@ def refused(answer):
     close_dialog()
     wait(300)
     answer["red faces"] = red_places.shown().faces
-    answer["red"] = colour_at(on_screen((float(cylinder.Radius), 0.8, 5.0)))
+    answer["red"] = colour_at(on_screen((2.0, 0.8, 5.0)))
     screenshot("refused")
-    answer["colours"] = [tuple(c) for c in cylinder.ViewObject.DiffuseColor]
+    answer["colours"] = [tuple(c) for c in can.ViewObject.DiffuseColor]
     FreeCADGui.Selection.clearSelection()
     toolbar("HybridVolume_ClearRed")
     wait(300)
     answer["cleared"] = {
         "shown": red_places.shown() is not None,
-        "red": colour_at(on_screen((float(cylinder.Radius), 0.8, 5.0))),
+        "red": colour_at(on_screen((2.0, 0.8, 5.0))),
         "changed": [
             *(key for key, value in before.items() if drawn(doc)[key] != value),
             *(key for key, value in content.items() if state(doc)[key] != value),
         ],
     }
 
-    where = (float(cylinder.Radius), 0.0, 5.0)
+    where = (2.0, 0.0, 5.0)
     place = Place("Face1", 0.25, 0.5, where, "the derivative vanishes")
     error = SingularSurfaceError("folded", faces=["Face1", "Face99"], places=[place])
-    messages.show_error(error, cylinder).close()
+    messages.show_error(error, can).close()
     view.viewRight()
     wait(900)
     answer["ball"] = colour_at(on_screen(where))
@@ -283,8 +285,7 @@ def refused(answer):
     answer["lines"] = red_places.lines(error)
     answer["faces that exist"] = red_places.shown().faces
     screenshot("places")
-    cylinder.Height = 12
-    doc.recompute()
+    can.Shape = can_of_height(12)
     wait(300)
     answer["after a change"] = red_places.shown() is not None
     answer["nodes"] = [before["nodes"], drawn(doc)["nodes"]]
@@ -296,10 +297,10 @@ def refused(answer):
 
     red_places.triangles_of = broken
     answer["cannot be meshed"] = [
-        red_places.show(cylinder, error),
+        red_places.show(can, error),
         red_places.shown().faces,
         red_places.shown().balls,
-        cylinder.ViewObject.SwitchNode.whichChild.getValue() >= 0,
+        can.ViewObject.SwitchNode.whichChild.getValue() >= 0,
     ]
     red_places.triangles_of = whole
     FreeCAD.closeDocument(doc.Name)

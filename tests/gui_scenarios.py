@@ -112,6 +112,23 @@ def new_document(kind="Part::Box", name="Box"):
     return doc, body
 
 
+def new_can():
+    """A document with a cylinder whose bottom is missing: refused, whatever is covered."""
+    doc, can = new_document("Part::Feature", "Can")
+    can.Shape = can_of_height(10)
+    doc.recompute()
+    doc.clearUndos()
+    FreeCADGui.SendMsgToActiveView("ViewFit")
+    wait(500)
+    return doc, can
+
+
+def can_of_height(height):
+    import Part
+
+    return Part.makeShell(Part.makeCylinder(2.0, height).Faces[:2])
+
+
 def open_panel(obj):
     FreeCADGui.setActiveDocument(obj.Document.Name)
     FreeCADGui.Selection.clearSelection()
@@ -259,9 +276,9 @@ def stop_on_the_way(answer):
     wait(200)
     close_panel()
 
-    other, cylinder = new_document("Part::Cylinder", "Cylinder")
+    other, can = new_can()
     before = state(other)
-    open_panel(cylinder)
+    open_panel(can)
     click("run")
     wait_for(message_box)
     screenshot("5_refused")

@@ -79,7 +79,7 @@ def test_look_at_a_result(tmp_path):
 
 def test_red_places(tmp_path):
     found = play("gui_quality.refused", tmp_path)
-    assert "seam" in found["message"] and found["red faces"] == ["Face1"]
+    assert "no closed solid" in found["message"] and found["red faces"] == ["Face1"]
     assert not red(found["red before"]) and red(found["red"])
     assert [colour[:3] for colour in found["colours"]] == [pytest.approx([0.8] * 3, abs=1e-3)]
     cleared = found["cleared"]

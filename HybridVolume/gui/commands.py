@@ -343,19 +343,17 @@ def begin_with_midstructure(body: Any) -> Any | None:
     from .macro import start_volume
     from .midstructure_panel import MidstructurePanel
     from .undo import UndoMark
-    from .work import read_bodies
+    from .work import count_solids
 
     try:
-        _, bodies = read_bodies(body)
-        if len(bodies) == 1 and bodies[0].error:
-            raise bodies[0].error
+        solids = count_solids(body)
     except HybridVolumeError as error:
         messages.show_error(error, body)
         return None
-    if len(bodies) != 1:
+    if solids != 1:
         panel = _open_body_panel(body)
         panel.tell(
-            f"{body.Label} has {len(bodies)} solids: the midstructure of each is chosen "
+            f"{body.Label} has {solids} solids: the midstructure of each is chosen "
             "automatically. It can be changed afterwards by a double click on it in the tree."
         )
         return panel

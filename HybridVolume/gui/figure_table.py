@@ -68,12 +68,12 @@ class FigureTable:
         widget.horizontalHeader().setMinimumSectionSize(24)
         widget.itemSelectionChanged.connect(self._tell)
 
-    def show(self, rows: Sequence[Sequence[tuple[str, float | None]]]) -> None:
+    def show(self, rows: Sequence[Sequence[tuple]]) -> None:
         """Take other rows.
 
         Parameters
         ----------
-        rows : sequence of sequences of (text, figure)
+        rows : sequence of sequences of (text, figure) or (text, figure, picture)
             The figure is what the cell is sorted by; None for a name. Keys are the places here.
         """
         table = self._widget
@@ -83,8 +83,12 @@ class FigureTable:
             table.clearSelection()
             table.setRowCount(len(rows))
             for row, cells in enumerate(rows):
-                for column, (text, value) in enumerate(cells):
-                    table.setItem(row, column, _Cell(row, text, value))
+                for column, (text, value, *picture) in enumerate(cells):
+                    cell = _Cell(row, text, value)
+                    if picture:
+                        cell.setIcon(picture[0])
+                        cell.setTextAlignment(QtCore.Qt.AlignLeft | QtCore.Qt.AlignVCenter)
+                    table.setItem(row, column, cell)
             table.setSortingEnabled(True)
             table.resizeColumnsToContents()
         finally:
@@ -93,6 +97,22 @@ class FigureTable:
     def sort(self, column: int) -> None:
         """Sort by a column, the smallest first."""
         self._widget.sortItems(column, QtCore.Qt.AscendingOrder)
+
+    def select(self, keys: Sequence[int]) -> None:
+        """Select just these rows, without telling anybody."""
+        self._silent = True
+        try:
+            model = self._widget.selectionModel()
+            model.clearSelection()
+            for key in keys:
+                place = self._place(key)
+                model.select(
+                    self._widget.model().index(place, 0),
+                    QtCore.QItemSelectionModel.Select | QtCore.QItemSelectionModel.Rows,
+                )
+                self._widget.scrollToItem(self._widget.item(place, 0))
+        finally:
+            self._silent = False
 
     def clear_selection(self) -> None:
         """Select nothing, without telling anybody."""
@@ -105,6 +125,11 @@ class FigureTable:
         """Keys of the selected rows."""
         rows = self._widget.selectionModel().selectedRows()
         return sorted(self._widget.item(index.row(), 0).row_key for index in rows)
+
+    def _place(self, key: int) -> int:
+        """Where a row is now."""
+        table = self._widget
+        return next(k for k in range(table.rowCount()) if table.item(k, 0).row_key == key)
 
     def _tell(self) -> None:
         if not self._silent:

@@ -9,13 +9,21 @@ from dataclasses import dataclass
 
 from PySide import QtCore
 
-from HybridVolume.errors import HybridVolumeError
+from HybridVolume.errors import FaultError, HybridVolumeError, InputError
 from HybridVolume.job import Job
+from HybridVolume.sources.covering import Covering
 
 from .setup import EnvironmentSetup
+from .work import waiting
 
 INTERVAL = 100
 """Milliseconds between two looks at the worker."""
+
+COVERING = 0.25
+"""Share of the whole that the covering of faces takes in the progress."""
+
+ROUNDS = 5
+"""So often bodies that change while they are covered are covered again."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +48,7 @@ class Callbacks:
 
 
 class Runner(QtCore.QObject):
-    """Makes the environment if asked to, then runs jobs one after the other.
+    """Makes the environment if asked to, covers bodies, then runs jobs one after the other.
 
     Parameters
     ----------
@@ -54,7 +62,12 @@ class Runner(QtCore.QObject):
         self._callbacks = callbacks
         self._ready = ready
         self._setup: EnvironmentSetup | None = None
+        self._cover: Callable[[], Sequence[Covering]] | None = None
+        self._coverings: list[Covering] = []
+        self._rounds = 0
+        self._covered = False
         self._make_jobs: Callable[[], Sequence[Job]] | None = None
+        self._made = False
         self._jobs: list[Job] = []
         self._stage = ""
         self._timer = QtCore.QTimer(self)
@@ -72,18 +85,25 @@ class Runner(QtCore.QObject):
         return next((job for job in self._jobs if job.state == "running"), None)
 
     def start(
-        self, make_jobs: Callable[[], Sequence[Job]], setup: EnvironmentSetup | None = None
+        self,
+        make_jobs: Callable[[], Sequence[Job]],
+        setup: EnvironmentSetup | None = None,
+        cover: Callable[[], Sequence[Covering]] | None = None,
     ) -> None:
         """Begin; return at once.
 
         Parameters
         ----------
         make_jobs : callable
-            Gives the jobs, called when the environment is there.
+            Gives the jobs, called when the environment and the covers are there; none is none.
         setup : EnvironmentSetup, optional
             To be run first.
+        cover : callable, optional
+            Gives the coverings that reading the bodies needs, and does not find in memory yet.
         """
-        self._make_jobs, self._setup, self._jobs, self._stage = make_jobs, setup, [], ""
+        self._make_jobs, self._made, self._jobs, self._stage = make_jobs, False, [], ""
+        self._cover, self._coverings, self._covered, self._rounds = cover, [], False, 0
+        self._setup = setup
         if setup:
             setup.start()
             self._callbacks.progress(None, "Making the environment")
@@ -94,14 +114,21 @@ class Runner(QtCore.QObject):
         self._timer.stop()
         if self._setup:
             self._setup.cancel()
+        for covering in self._coverings:
+            covering.cancel()
+        self._coverings = []
         self._close_jobs()
 
     def _tick(self) -> None:
         try:
             if self._setup:
                 self._watch_setup()
-            elif not self._jobs:
-                self._jobs = list(self._make_jobs())
+            elif self._coverings:
+                self._watch_coverings()
+            elif self._cover is not None:
+                self._begin_covering()
+            elif not self._made:
+                self._jobs, self._made = list(self._make_jobs()), True
             else:
                 self._watch_jobs()
         except HybridVolumeError as error:
@@ -120,7 +147,47 @@ class Runner(QtCore.QObject):
             if error:
                 raise error
 
+    def _begin_covering(self) -> None:
+        """Cover what has to be: also what became another body while it was covered."""
+        self._coverings = list(self._cover())
+        if not self._coverings:
+            self._cover = None
+        elif self._rounds == ROUNDS:
+            raise FaultError(
+                "the body has to be covered again and again",
+                remedy="do not change it meanwhile, and report it otherwise",
+            )
+        self._rounds += 1
+
+    def _watch_coverings(self) -> None:
+        self._covered = True
+        for number, covering in enumerate(self._coverings):
+            if covering.state == "new":
+                self._show(COVERING * number / len(self._coverings), "faces", covering.name)
+                with waiting():
+                    covering.start()
+            for news in covering.poll():
+                share = (number + news.fraction) / len(self._coverings)
+                text = f"faces: {news.text}" if news.text else "faces"
+                self._show(COVERING * share, text, covering.name)
+            if covering.state == "running":
+                return
+            if covering.error is not None and not isinstance(covering.error, InputError):
+                raise covering.error
+        # who is refused is said when the bodies are read; the others go on
+        self._coverings = []
+
+    def _show(self, share: float, text: str, name: str) -> None:
+        """Tell progress of a body, also as a line of the log where it is new."""
+        if len(self._jobs) > 1 or len(self._coverings) > 1:
+            text = f"{name} - {text}"
+        self._callbacks.progress(share, text)
+        if text != self._stage:
+            self._stage = text
+            self._callbacks.line(text)
+
     def _watch_jobs(self) -> None:
+        before = COVERING if self._covered else 0.0
         for number, job in enumerate(self._jobs):
             if job.state == "done":
                 continue
@@ -129,12 +196,7 @@ class Runner(QtCore.QObject):
             for news in job.poll():
                 share = (number + news.fraction) / len(self._jobs)
                 text = f"{news.stage}: {news.text}" if news.text else news.stage
-                if len(self._jobs) > 1:
-                    text = f"{job.name} - {text}"
-                self._callbacks.progress(share, text)
-                if text != self._stage:
-                    self._stage = text
-                    self._callbacks.line(text)
+                self._show(before + (1.0 - before) * share, text, job.name)
             if job.error:
                 raise job.error
             return
@@ -148,7 +210,7 @@ class Runner(QtCore.QObject):
             self._close_jobs()
 
     def _fail(self, error: HybridVolumeError) -> None:
-        log = next((job.log for job in self._jobs if job.log), "")
+        log = next((one.log for one in (*self._coverings, *self._jobs) if one.log), "")
         self.cancel()
         self._callbacks.failed(error, log)
 

@@ -14,11 +14,12 @@ from HybridVolume.errors import HybridVolumeError
 from HybridVolume.job import Job, worker_python
 from HybridVolume.objects import midstructure as objects
 from HybridVolume.objects.midstructure_editor import Editor
+from HybridVolume.sources import Covering
 
 from . import messages, preferences
 from .macro import Macro
 from .runner import Callbacks, Runner
-from .work import NO_ENVIRONMENT, environment_setup, is_deleted
+from .work import NO_ENVIRONMENT, coverings, environment_setup, is_deleted
 
 METHODS = (
     ("auto", "automatic: medial axis"),
@@ -156,10 +157,15 @@ class SearchControls:
         self._form.stage.setText(text)
         self._form.progress.setValue(0)
         try:
-            self._runner.start(self._make_jobs, setup)
+            self._runner.start(self._make_jobs, setup, self._coverings)
         except HybridVolumeError as error:
             self._fail(error, "")
         self._changed()
+
+    def _coverings(self) -> Sequence[Covering]:
+        if is_deleted(self._volume):
+            return []
+        return coverings(self._volume.Source, self._volume.CoverTolerance.Value)
 
     def _make_jobs(self) -> Sequence[Job]:
         chosen = preferences.load()

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import FreeCAD
@@ -25,13 +25,21 @@ from HybridVolume.sources import global_shape
 from . import messages, preferences, red_places
 from .density_form import DensityForm
 from .face_table import FACTORS, FaceTable, Widgets, face_names
+from .geometry_form import GeometryForm, body_geometry, volume_geometry
 from .run_panel import RunPanel
 from .runner import Callbacks
 from .spans_form import SpansForm
 from .thickness_form import LayersForm, ThicknessForm
 from .thickness_preview import ThicknessPreview
 from .volume_macro import VolumeMacro
-from .work import NO_ENVIRONMENT, environment_setup, is_deleted, waiting
+from .work import (
+    NO_ENVIRONMENT,
+    coverings,
+    environment_setup,
+    is_deleted,
+    reading,
+    waiting,
+)
 
 _MESH = "FemMesh."
 
@@ -75,6 +83,7 @@ class TaskPanel(RunPanel):
             volume,
             thickness=self._asked,
             parameters=self._read_form,
+            cover=self._coverings,
             make_job=self._field_job,
             callbacks=Callbacks(
                 self._show_progress, self._write, lambda _: None, self._fail_preview
@@ -99,6 +108,9 @@ class TaskPanel(RunPanel):
         )
         self._density = DensityForm(
             form.densityLayout, source, names, size, self._show_summary, self._faces_opened
+        )
+        self._geometry = GeometryForm(
+            form, source, solids, check=self.check, opened=self._faces_opened
         )
         self._fill_form(size)
         self._keys = _ReturnKey(self.form)
@@ -142,21 +154,30 @@ class TaskPanel(RunPanel):
         self._preview.close()
         self._faces.close()
         self._density.close()
+        self._geometry.close()
 
     # The panel's own work.
 
     def run(self) -> None:
-        """Read the body and start the computation; offer to make the environment if need be."""
+        """Start the computation; offer to make the environment if need be."""
+        self._start(self._make_jobs)
+
+    def check(self) -> None:
+        """Tell how exactly the faces can be kept; nothing else is computed."""
+        self._start(self._make_no_jobs)
+
+    def _start(self, make_jobs: Callable[[], Sequence[Job]]) -> None:
         if self.running or self._preview.running:
             return
         self.form.log.clear()
+        red_places.clear()
+        self._geometry.forget()
         try:
             if self._gone():
                 raise InputError("the body or its volume was deleted", remedy="close the panel")
             setup = environment_setup()
             self._parameters = self._read_form()
             options_of(self._parameters)  # a value out of its range is refused at once
-            self._read()
         except HybridVolumeError as error:
             self._fail(error, "")
             return
@@ -165,7 +186,7 @@ class TaskPanel(RunPanel):
             return
         self._busy("Starting")
         try:
-            self._runner.start(self._make_jobs, setup)
+            self._runner.start(make_jobs, setup, lambda: self._coverings(self._parameters))
         except HybridVolumeError as error:
             self._fail(error, "")
 
@@ -196,6 +217,7 @@ class TaskPanel(RunPanel):
         self._thickness.show(values)
         self._layers.show(values)
         self._spans.show(values)
+        self._geometry.show(values)
         self._faces.show(shell.face_factors(values["FaceFactors"]))
         for widget in (form.showInner, form.facesToggle, self._density.widget.sizesToggle):
             widget.setEnabled(self._single)
@@ -219,6 +241,7 @@ class TaskPanel(RunPanel):
         self._filled = True
         if _computed(self._volume) and self._volume.Status == UP_TO_DATE:
             self._tell_reached([self._volume])
+            self._geometry.show_geometry(volume_geometry(self._volume))
         self._idle("Ready" if self._volume is None else self._volume.Status)
 
     def _read_form(self) -> dict[str, Any]:
@@ -227,6 +250,7 @@ class TaskPanel(RunPanel):
             **self._thickness.values,
             **self._layers.values,
             **self._spans.values,
+            **self._geometry.values,
             "FaceFactors": shell.factor_texts(self._faces.values),
             **{f"{_MESH}{name}": value for name, value in self._density.values.items()},
         }
@@ -252,7 +276,7 @@ class TaskPanel(RunPanel):
         return shell.thickness_of(self._read_form())
 
     def _field_job(self, parameters: dict[str, Any]) -> Job:
-        self._read()
+        self._read(parameters)
         chosen = preferences.load()
         # the field is the same for every thickness
         plain = {**parameters, "ThicknessKind": "Level w0", "FaceFactors": ()}
@@ -271,7 +295,8 @@ class TaskPanel(RunPanel):
 
     def _faces_opened(self) -> None:
         if self._filled:
-            self._preview.show_body(self._faces.open or self._density.faces.open)
+            wanted = self._faces.open or self._density.faces.open or self._geometry.coloured
+            self._preview.show_body(wanted)
 
     def _open_mesh(self, on: bool) -> None:
         form = self.form
@@ -315,19 +340,33 @@ class TaskPanel(RunPanel):
         # Later: FreeCAD is still closing this dialog.
         QtCore.QTimer.singleShot(0, show)
 
-    def _read(self) -> None:
+    def _coverings(self, parameters: Mapping[str, Any]) -> list[sources.Covering]:
+        """What has to be done before the body can be read at once."""
+        return coverings(self._source, parameters["CoverTolerance"])
+
+    def _read(self, parameters: Mapping[str, Any]) -> None:
         """Take the faces of the body; refused solids are named, the others go on."""
-        red_places.clear()
+        if self._gone():
+            raise InputError("the body or its volume was deleted", remedy="close the panel")
         with waiting():
-            self._fingerprint, bodies = self._editor.read()
+            self._fingerprint, bodies = self._editor.read(parameters, **reading())
         for _, body in bodies:
             if body.error:
                 self._write(f"{body.name} is refused: {body.error.line}")
         self._bodies = [(number, body) for number, body in bodies if body.error is None]
         if not self._bodies:
             raise bodies[0][1].error
+        for _, body in self._bodies:
+            self._write(f"{body.name}: {body.origin['geometry']['sentence']}")
+        self._geometry.show_geometry([body_geometry(self._source, *one) for one in self._bodies])
+
+    def _make_no_jobs(self) -> Sequence[Job]:
+        """Read the body only."""
+        self._read(self._parameters)
+        return []
 
     def _make_jobs(self) -> Sequence[Job]:
+        self._read(self._parameters)
         chosen = preferences.load()
         return self._editor.jobs(
             self._bodies,
@@ -343,6 +382,11 @@ class TaskPanel(RunPanel):
         return doc is None or not doc.HasPendingTransaction
 
     def _finish(self, jobs: Sequence[Job]) -> None:
+        if not jobs:
+            self.form.progress.setValue(self.form.progress.maximum())
+            self._geometry.open()
+            self._idle("Checked")
+            return
         try:
             self.created = self._take_in(jobs)
         except HybridVolumeError as error:

@@ -26,12 +26,13 @@ from .work import environment_setup, is_deleted
 if TYPE_CHECKING:
     from HybridVolume.core.field_view import FieldView, Inner
     from HybridVolume.core.goals import Thickness
+    from HybridVolume.sources import Covering
 
 COLOURS = ("by thickness", "plain")
 PLAIN = (0.22, 0.48, 0.84)
 WRONG = (0.86, 0.12, 0.10)
 """Of an inner boundary that no shell can reach, as it does not look like the body."""
-SETTINGS_OF_FIELD = ("Midstructure.", "Tolerance", "Source")
+SETTINGS_OF_FIELD = ("Midstructure.", "Tolerance", "CoverTolerance", "Source")
 """Beginnings of the names of what a field depends on."""
 
 
@@ -50,6 +51,8 @@ class ThicknessPreview:
         What the panel asks for now.
     parameters : callable() -> dict
         What the panel would compute with now.
+    cover : callable(parameters) -> sequence of Covering
+        What has to be done before that job can be made.
     make_job : callable(parameters) -> Job
         A job of the goal ``thickness``.
     callbacks : Callbacks
@@ -66,6 +69,7 @@ class ThicknessPreview:
         *,
         thickness: Callable[[], Thickness],
         parameters: Callable[[], Mapping[str, Any]],
+        cover: Callable[[Mapping[str, Any]], Sequence[Covering]],
         make_job: Callable[[Mapping[str, Any]], Job],
         callbacks: Callbacks,
         changed: Callable[[], None],
@@ -77,6 +81,7 @@ class ThicknessPreview:
         self._document = source.Document.Name
         self._thickness = thickness
         self._parameters = parameters
+        self._cover = cover
         self._make_job = make_job
         self._callbacks = callbacks
         self._changed = changed
@@ -173,7 +178,9 @@ class ThicknessPreview:
                 return
             self._field_of = self._depends_on()
             parameters = dict(self._parameters())
-            self._runner.start(lambda: [self._make_job(parameters)], setup)
+            self._runner.start(
+                lambda: [self._make_job(parameters)], setup, lambda: self._cover(parameters)
+            )
         except HybridVolumeError as error:
             self._fail(error, "")
             return

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""What both panels do before a job: the environment, and the faces of the body."""
+"""What the panels do before a job: the environment, and the faces of the body."""
 
 from __future__ import annotations
 
@@ -12,11 +12,24 @@ from typing import Any
 from PySide import QtCore, QtGui
 
 from HybridVolume import environment, sources
+from HybridVolume.errors import (
+    DegenerateSideError,
+    InexactFaceError,
+    SeamError,
+    TJunctionError,
+    TrimmedFaceError,
+)
 from HybridVolume.job import worker_python
-from HybridVolume.objects.volume import source_fingerprint
+from HybridVolume.sources import global_shape
 
 from . import messages, preferences, red_places
 from .setup import EnvironmentSetup, question
+
+COVERED = (
+    *(TrimmedFaceError, SeamError, DegenerateSideError),
+    *(TJunctionError, InexactFaceError),
+)
+"""Faces for which a body is not taken as it is, but covered with patches."""
 
 NO_ENVIRONMENT = "Not started: there is no environment to compute in"
 
@@ -41,24 +54,46 @@ def environment_setup() -> EnvironmentSetup | None | bool:
     return None if environment.interpreter().is_file() else False
 
 
-def read_bodies(source: Any) -> tuple[str, list[sources.Body]]:
-    """Read the solids of a document object, behind a waiting cursor.
+def reading() -> dict[str, Any]:
+    """Keywords of `sources.read_object` by the preferences."""
+    chosen = preferences.load()
+    return {"python": chosen.python or None, "free_only": chosen.free_only}
 
-    Returns
-    -------
-    fingerprint : str
-        Of the object when it was read.
-    bodies : list of Body
-        Those that are refused carry their error.
+
+def coverings(source: Any, tolerance: float) -> list[sources.Covering]:
+    """What has to be done before the bodies of a document object can be read at once.
+
+    Parameters
+    ----------
+    source : App.DocumentObject
+    tolerance : float
+        ``CoverTolerance`` of the hybrid volume, mm; 0: automatic.
 
     Raises
     ------
     InputError
-        The object has no solid.
+        The tolerance is no length.
+    """
+    if is_deleted(source):
+        return []  # reading tells it
+    with waiting():
+        return sources.coverings(source, tolerance=tolerance or None, **reading())
+
+
+def count_solids(source: Any) -> int:
+    """Number of the solids of a document object, refused ones among them.
+
+    Raises
+    ------
+    InputError
+        There is none, or none that can be taken, whatever its faces are covered with.
     """
     red_places.clear()
     with waiting():
-        return source_fingerprint(source), list(sources.read_object(source))
+        try:
+            return len(sources.read_object(source, cover=False))
+        except COVERED:
+            return max(len(global_shape(source).Solids), 1)
 
 
 @contextlib.contextmanager
