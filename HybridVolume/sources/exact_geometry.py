@@ -47,6 +47,7 @@ def _curve(edge: Any) -> SplineCurve:
         np.repeat(spline.getKnots(), spline.getMultiplicities()),
         np.array([tuple(pole) for pole in spline.getPoles()]),
         np.array(spline.getWeights(), dtype=float),
+        float(edge.Tolerance),
     )
 
 
