@@ -16,6 +16,7 @@ def geometry_figures(
     deviation: Sequence[float],
     area: Sequence[float],
     tolerance: float | None = None,
+    inside: Sequence[int] = (),
 ) -> dict[str, Any]:
     """Figures of the faces of a body.
 
@@ -31,13 +32,16 @@ def geometry_figures(
         Of each, mm^2.
     tolerance : float, optional
         Largest deviation that was allowed, mm; None where every face is one patch itself.
+    inside : sequence of int
+        Faces, from 0, that lie inside the material and are left out.
 
     Returns
     -------
     dict
         ``patches``; ``tolerance`` and ``max_deviation``, mm; ``counts`` of faces and shares of
         their ``area`` by kind; ``faces``: of each its ``name``, ``kind``, ``patches``,
-        ``deviation`` (mm), ``area`` (mm^2); ``sentence``: the same in words.
+        ``deviation`` (mm), ``area`` (mm^2); ``inside``: names of the faces that are left out;
+        ``sentence``: the same in words.
     """
     rows = [
         {
@@ -50,8 +54,9 @@ def geometry_figures(
         for number, (kind, count, off, size) in enumerate(
             zip(kinds, patches, deviation, area, strict=True), start=1
         )
+        if number - 1 not in inside
     ]
-    return _of_rows(rows, tolerance)
+    return _of_rows(rows, tolerance, [f"Face{number + 1}" for number in inside])
 
 
 def with_moves(figures: Mapping[str, Any], moves: Mapping[str, float]) -> dict[str, Any]:
@@ -71,10 +76,12 @@ def with_moves(figures: Mapping[str, Any], moves: Mapping[str, float]) -> dict[s
         else dict(row)
         for row in figures["faces"]
     ]
-    return _of_rows(rows, figures["tolerance"])
+    return _of_rows(rows, figures["tolerance"], figures["inside"])
 
 
-def _of_rows(rows: list[dict[str, Any]], tolerance: float | None) -> dict[str, Any]:
+def _of_rows(
+    rows: list[dict[str, Any]], tolerance: float | None, inside: Sequence[str]
+) -> dict[str, Any]:
     of_kind = {kind: [row for row in rows if row["kind"] == kind] for kind in KINDS}
     counts = {kind: len(found) for kind, found in of_kind.items()}
     areas = {kind: sum(row["area"] for row in found) for kind, found in of_kind.items()}
@@ -90,12 +97,17 @@ def _of_rows(rows: list[dict[str, Any]], tolerance: float | None) -> dict[str, A
             kind: sum(row["area"] for row in found) / whole for kind, found in of_kind.items()
         },
         "faces": rows,
-        "sentence": _sentence(counts, patches, worst, tolerance),
+        "inside": list(inside),
+        "sentence": _sentence(counts, patches, worst, tolerance, len(inside)),
     }
 
 
 def _sentence(
-    counts: Mapping[str, int], patches: int, deviation: float, tolerance: float | None
+    counts: Mapping[str, int],
+    patches: int,
+    deviation: float,
+    tolerance: float | None,
+    inside: int,
 ) -> str:
     words = {BIT: "bit for bit", EXACT: "exact", TOLERANCE: f"within {deviation:.2g} mm"}
     faces = sum(counts.values())
@@ -104,4 +116,5 @@ def _sentence(
     if tolerance is None:
         return text
     allowed = f", {tolerance:.2g} mm allowed" if counts[TOLERANCE] else ""
-    return f"{text}; covered with {patches} patches{allowed}"
+    left = f"; {inside} faces inside the material are left out" if inside else ""
+    return f"{text}; covered with {patches} patches{allowed}{left}"

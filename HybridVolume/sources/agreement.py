@@ -78,6 +78,8 @@ def _check_cover(solid: Any, cover: Covered, surface: PatchSurface, allowed: flo
     worst = 0.0
     for k, (face, kind) in enumerate(zip(faces, kinds, strict=True)):
         own = np.flatnonzero(number == k)
+        if not len(own) and k in cover.inside:
+            continue
         if not len(own):
             raise errors.FaultError("the face has no patch", faces=[f"Face{k + 1}"])
         found = points[own].reshape(-1, 3)

@@ -36,6 +36,9 @@ class Covered:
         :mod:`..core.covering.kinds`.
     tolerance : float
         Largest deviation that was allowed, mm.
+    inside : tuple of int
+        Faces of the solid, from 0, that lie inside its material, where parts of it touch: they
+        have no patches, and their kinds say nothing.
     """
 
     faces: tuple[SplineFace, ...]
@@ -44,6 +47,7 @@ class Covered:
     quads: int
     kinds: tuple[str, ...]
     tolerance: float
+    inside: tuple[int, ...] = ()
 
 
 def allowed_deviation(solid: Any, tolerance: float | None) -> float:

@@ -37,6 +37,7 @@ from .distances import surface_distances
 from .exact_geometry import curves_of, surfaces_of
 from .faces import evaluate_face, random_parameters
 from .imprint import imprint_seams
+from .inner_walls import United, without_inner_walls
 from .outlines import outline_of
 from .spheres import Parted, without_spheres
 from .untrimmed import take_faces
@@ -115,6 +116,7 @@ class Covering:
         self._process: WorkerProcess | None = None
         self._folder: Path | None = None
         self._given = np.zeros(0, dtype=int)
+        self._united: United | None = None
         self._parted: Parted | None = None
         self._began = 0.0
         self._said = "preparing"
@@ -214,15 +216,22 @@ class Covering:
         return self._result
 
     def _prepare(self) -> Any:
-        """Take out whole spheres, cut the seams; return what is left for the mesher, if anything.
+        """Leave out walls inside and whole spheres, cut the seams.
+
+        Returns
+        -------
+        Part.Solid or None
+            What is left for the mesher, if anything.
 
         Raises
         ------
         InputError
-            The seams cannot be cut; faces of the given solid are named.
+            The walls cannot be left out, or the seams not be cut; faces of the given solid are
+            named.
         """
-        self._parted = without_spheres(self.solid)
-        self._given = self._parted.numbers
+        self._united = without_inner_walls(self.solid)
+        self._parted = without_spheres(self._united.solid)
+        self._given = self._united.numbers[self._parted.numbers]
         if self._parted.rest is None:
             self._end(self._joined((), np.zeros(0, dtype=int), (), np.zeros(0), 0))
             return None
@@ -230,7 +239,7 @@ class Covering:
             imprinted = imprint_seams(self._parted.rest, self.tolerance)
         except errors.InputError as error:
             raise self._renamed(error) from error
-        self._given = self._parted.numbers[imprinted.origin]
+        self._given = self._given[imprinted.origin]
         whole = self._whole_patches(imprinted.solid)
         if whole is not None:
             self._end(whole)
@@ -359,17 +368,18 @@ class Covering:
             Of the pieces.
         quads : int
         """
-        spheres = self._parted
-        given = np.concatenate([self._given, np.unique(spheres.origin)])
-        origin = np.concatenate([self._given[piece], spheres.origin])
+        spheres, whole = self._parted, self._united.numbers[self._parted.origin]
+        given = np.concatenate([self._given, np.unique(whole)])
+        origin = np.concatenate([self._given[piece], whole])
         count = len(self.solid.Faces)
         worst = np.zeros(count)
         np.maximum.at(worst, self._given, deviation)
-        for patch, number in zip(spheres.patches, spheres.origin.tolist(), strict=True):
+        for patch, number in zip(spheres.patches, whole.tolist(), strict=True):
             points = evaluate_face(patch, *random_parameters(number))
             off = surface_distances(self.solid.Faces[number], points)
             worst[number] = max(worst[number], float(off.max()))
-        bare = np.setdiff1d(np.arange(count), origin)
+        inside = self._united.inside
+        bare = np.setdiff1d(np.arange(count), np.concatenate([origin, np.array(inside, int)]))
         if len(bare) or not np.all(np.isfinite(worst)) or worst.max() > self.tolerance:
             raise errors.FaultError(
                 f"the cover is {worst.max():.2g} mm away, or leaves {len(bare)} faces out",
@@ -380,7 +390,10 @@ class Covering:
             replace(face, name=f"Face{number + 1}")
             for face, number in zip([*faces, *spheres.patches], origin.tolist(), strict=True)
         ]
-        of_pieces = [*kinds, *(len(given) - len(self._given)) * [EXACT]]
+        # of walls inside the material nothing is changed, as nothing is left
+        given = np.concatenate([given, np.array(inside, dtype=int)])
+        exact = len(given) - len(self._given) - len(inside)
+        of_pieces = [*kinds, *(exact * [EXACT]), *(len(inside) * [BIT])]
         return Covered(
             tuple(named),
             origin,
@@ -388,6 +401,7 @@ class Covering:
             quads,
             kinds_of_origins(of_pieces, given),
             self.tolerance,
+            inside,
         )
 
 

@@ -272,6 +272,7 @@ def _covered(covering: Covering, progress: Callable[[str, Progress], None] | Non
         cover.deviation.tolist(),
         _areas(covering.solid),
         cover.tolerance,
+        cover.inside,
     )
     return Body(
         covering.name,
