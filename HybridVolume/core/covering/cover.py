@@ -187,7 +187,10 @@ def cover_body(
             raise _stopped(failure, "and finer quads come no nearer")
         bad = np.unique(cover.face[factor > 1.0])
         words = f"{len(cover.quads)} quads, smaller ones on {len(bad)} faces"
-        logger.info("round %d: %s (%s)", number + 1, words, ", ".join(_names(bad[:12])))
+        logger.info(
+            "round %d: %s (%s), %s",
+            *(number + 1, words, ", ".join(_names(bad[:12])), failure.message if failure else ""),
+        )
         fewest = np.maximum(fewest, more_intervals(cover, outline, intervals, factor, bent))
         if number % 2:
             size *= 0.75
