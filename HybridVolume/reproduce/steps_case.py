@@ -117,11 +117,9 @@ def _body(task: Mapping[str, Any], channel: Channel) -> dict[str, Any]:
     # of a file with several bodies some may be there and others refused
     if report.is_file() and ran["state"] in (MADE, REFUSED):
         figures = json.loads(report.read_text(encoding="utf-8"))
-        measured = _measured(output, path, channel)
-        bodies = [
-            {**_figures(one), **beside}
-            for one, beside in zip(figures.get("volumes", [figures]), measured, strict=True)
-        ]
+        told = [_figures(one) for one in figures.get("volumes", [figures])]
+        measured = _measured(output, [one["inside"] for one in told], channel)
+        bodies = [{**one, **beside} for one, beside in zip(told, measured, strict=True)]
         refused = figures.get("refused", [])
     return {**ran, "bodies": bodies, "refused": refused}
 
@@ -149,6 +147,8 @@ def _figures(report: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "faces": len(geometry["faces"]),
         "patches": geometry["patches"],
+        # walls within the material have no patches and no nodes
+        "inside": list(geometry.get("inside", ())),
         "counts": geometry["counts"],
         "area_shares": geometry["area"],
         "deviation": geometry["max_deviation"],
@@ -179,16 +179,16 @@ def _figures(report: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _measured(output: Path, path: Path, channel: Channel) -> list[dict[str, Any]]:
+def _measured(output: Path, inside: list[list[str]], channel: Channel) -> list[dict[str, Any]]:
     """What FreeCAD tells of each body of the document, reopened, and of the solid given."""
     FreeCAD = import_freecad()
     (file,) = output.glob("*.FCStd")
     document = FreeCAD.openDocument(str(file))
     meshes = [o for o in document.Objects if _is_analysis_mesh(o)]
     found = []
-    for k, mesh in enumerate(meshes):
-        channel.progress("measuring", 0.5 + 0.5 * k / len(meshes), f"{path.stem} {k + 1}")
-        found.append(_measured_body(mesh))
+    for k, (mesh, walls) in enumerate(zip(meshes, inside, strict=True)):
+        channel.progress("measuring", 0.5 + 0.5 * k / len(meshes), f"body {k + 1}")
+        found.append(_measured_body(mesh, walls))
     FreeCAD.closeDocument(document.Name)
     return found
 
@@ -197,7 +197,7 @@ def _is_analysis_mesh(obj: Any) -> bool:
     return hasattr(obj, "FemMesh") and getattr(obj, "Shape", None) is not None
 
 
-def _measured_body(mesh: Any) -> dict[str, Any]:
+def _measured_body(mesh: Any, inside: list[str]) -> dict[str, Any]:
     from .steps_volume import triangle_volume
 
     shape = mesh.Shape.Shape
@@ -212,7 +212,7 @@ def _measured_body(mesh: Any) -> dict[str, Any]:
         # an analysis has the body itself or a copy with wider tolerances
         "widened": max(f.Tolerance for f in shape.Faces) > max(f.Tolerance for f in given.Faces),
         "face_tolerance": max(face.Tolerance for face in shape.Faces),
-        **_nodes_on_faces(mesh.FemMesh, shape),
+        **_nodes_on_faces(mesh.FemMesh, shape, inside),
         "off": _off(mesh.FemMesh, given),
     }
 
@@ -240,7 +240,7 @@ def _groups(mesh: Any, faces: int) -> dict[int, list[int]]:
     return found
 
 
-def _nodes_on_faces(mesh: Any, shape: Any) -> dict[str, Any]:
+def _nodes_on_faces(mesh: Any, shape: Any, inside: list[str]) -> dict[str, Any]:
     """On how many faces FreeCAD finds all nodes of the mesh, as the FEM workbench does."""
     groups = _groups(mesh, len(shape.Faces))
     began = time.process_time()
@@ -248,6 +248,8 @@ def _nodes_on_faces(mesh: Any, shape: Any) -> dict[str, Any]:
     for number, face in enumerate(shape.Faces, start=1):
         if time.process_time() - began > NODE_SECONDS:
             break
+        if f"Face{number}" in inside:
+            continue
         asked += 1
         elements = groups.get(number, [])
         nodes = {node for element in elements for node in mesh.getElementNodes(element)}

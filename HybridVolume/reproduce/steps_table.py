@@ -111,7 +111,7 @@ def demands(found: Mapping[str, Any]) -> list[Row]:
     bodies = [body for case in cases if not case["error"] for body in case["bodies"]]
     whole = sum(_whole(body) for body in bodies)
     rows = []
-    if not found["not_done"]:
+    if found["whole"] and not found["not_done"]:
         rows.append(
             {"body": "together", "demand": f"{LEAST} bodies or more go the whole way",
              "figure": f"{whole} of {sum(_solids(case) for case in cases)}", "met": whole >= LEAST}
