@@ -162,7 +162,7 @@ def _united(solid: Any, faces: list, walls: list[int], touch: float) -> United:
     shape = Part.makeCompound([face for face, _ in kept]).copy()
     shape.sewShape(touch)
     shells = shape.Shells
-    if len(shape.Faces) != len(kept) or len(shells) != len(solid.Shells):
+    if len(shape.Faces) != len(kept) or len(shells) > len(solid.Shells):
         raise _failed(f"what is left has {len(shells)} shells", walls)
     made = Part.Solid(shells[0] if len(shells) == 1 else Part.makeCompound(shells))
     if not (made.isValid() and made.isClosed()):
