@@ -11,7 +11,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +22,7 @@ from ..assembly import build_surface
 from ..check import check_surface
 from ..surface import SplineFace
 from .coons import homogeneous_nets
+from .extent import control_points
 from .geometry import SplineCurve
 from .intervals import assign_intervals, lower_bounds
 from .iso_sides import order_rows
@@ -40,6 +41,11 @@ ROUNDS = 9
 """So often more intervals are tried."""
 FINER = 1.5
 """Quads that are folded or slivers become so many times smaller."""
+MANY_POINTS = 64
+"""More control points a quad, on average, than this (a bicubic patch has 16) are too many for the
+shell: then only edges with simple curves are exact."""
+MOST_POINTS = 3_000_000
+"""More control points are refused."""
 MOST_INTERVALS = 8_000
 """More on all edges are not tried: a cover of some ten thousand quads is of no use."""
 SLIVER = np.radians(1.0)
@@ -136,10 +142,30 @@ def cover_body(
             geometry.planar,
             meshers,
         )
+        meshed = cover
         found = kept(cover, outline, geometry)
         cover = found.cover
         bicubic = bicubic_nets(cover, geometry.curves, surfaces)
         nets = homogeneous_nets(cover, bicubic, found.rims, geometry.planar)
+        points = control_points(cover, nets)
+        if points.mean() > MANY_POINTS:
+            if not geometry.simple:
+                logger.info("%.0f control points a quad: only simple edges exact", points.mean())
+                geometry = replace(geometry, simple=True)
+                found = kept(meshed, outline, geometry)
+                cover = found.cover
+                bicubic = bicubic_nets(cover, geometry.curves, surfaces)
+                nets = homogeneous_nets(cover, bicubic, found.rims, geometry.planar)
+                points = control_points(cover, nets)
+            if points.sum() > MOST_POINTS:
+                most = np.zeros(len(surfaces))
+                np.maximum.at(most, cover.face, points)
+                raise InputError(
+                    f"joined patches would need {points.sum():.0f} control points",
+                    faces=_names(np.argsort(-most)[:8]),
+                    figure=float(points.sum()),
+                    remedy="rebuild these faces with a lower degree or fewer knots",
+                )
         off = deviations(found, nets, geometry, curves)
         deviation = np.zeros(len(surfaces))
         np.maximum.at(deviation, cover.face, off)

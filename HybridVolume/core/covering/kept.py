@@ -24,6 +24,9 @@ from .quad_mesh import QuadCover
 from .relaxing import relaxed
 from .rims import Rims, rims_of
 
+SIMPLE = 3
+"""Curves of at most this degree, with as many knots inside, are simple."""
+
 
 @dataclass(frozen=True)
 class Geometry:
@@ -39,6 +42,8 @@ class Geometry:
         Faces that are the whole rectangle of their surface.
     rank : (nf,) int array
         The higher, the sooner a face gives up its parameters.
+    simple : bool
+        Edges of planes are exact only where their curves are simple; surfaces keep theirs.
     """
 
     curves: tuple[SplineCurve | None, ...]
@@ -46,6 +51,7 @@ class Geometry:
     planar: np.ndarray
     iso: Mapping[int, IsoSides]
     rank: np.ndarray
+    simple: bool = False
 
     @classmethod
     def of(
@@ -111,7 +117,7 @@ def kept(cover: QuadCover, outline: Outline, geometry: Geometry) -> Kept:
     even = {edge: even_steps(curves[edge], count) for edge, count in counts.items()}
     places, agreed = spread_places(geometry.iso, counts, even, geometry.rank)
     cover = _moved(cover, curves, chains, places)
-    cover = pillow_flat_corners(cover, np.isin(cover.face, sorted(agreed)))
+    cover = pillow_flat_corners(cover, outline, np.isin(cover.face, sorted(agreed)))
     grids = {}
     for face in sorted(agreed):
         shares = _rim_shares(geometry.iso[face], chains, places)
@@ -121,7 +127,14 @@ def kept(cover: QuadCover, outline: Outline, geometry: Geometry) -> Kept:
     cover = relaxed(on_grids(cover, grids, surfaces), surfaces, np.isin(cover.face, list(grids)))
     needed = _edges_of(outline, np.isin(np.arange(len(surfaces)), list(grids)))
     wanted = _edges_of(outline, geometry.planar)
+    if geometry.simple:
+        wanted &= [curve is not None and _is_simple(curve) for curve in curves]
     return Kept(cover, grids, rims_of(cover, curves, chains, places, wanted, needed))
+
+
+def _is_simple(curve: SplineCurve) -> bool:
+    """Whether all patches of a strip can do with a curve's degree and knots."""
+    return curve.degree <= SIMPLE and len(np.unique(curve.knots)) <= SIMPLE + 2
 
 
 def _edges_of(outline: Outline, faces: np.ndarray) -> np.ndarray:
