@@ -43,6 +43,10 @@ OTHER = (0.80, 0.80, 0.80)
 """Colour of faces about which nothing is known: those of other solids."""
 
 
+_AROUND = [(0.003 * x, 0.003 * y) for x in (-1, 0, 1) for y in (-1, 0, 1) if x or y]
+"""About a pixel each way, in the view of the legend."""
+
+
 class FaceKinds:
     """Colours the faces of a body until :meth:`close`.
 
@@ -133,7 +137,7 @@ class KindsLegend:
 
     LEFT, TOP, SIZE, LINE = -0.96, 0.90, 0.035, 0.065
     """Of the boxes, in a view that reaches from -1 to 1 both ways."""
-    INK = (0.05, 0.05, 0.08)
+    INK, PAPER = (0.05, 0.05, 0.08), (0.97, 0.97, 0.97)
 
     def __init__(self) -> None:
         camera = coin.SoOrthographicCamera()
@@ -168,11 +172,17 @@ class KindsLegend:
         normals = np.tile([0.0, 0.0, 1.0], (4 * count, 1))
         self._boxes.show(points.reshape(-1, 3), corners.reshape(-1, 3), normals, colours)
         self._texts.removeAllChildren()
-        for node in (unlit(), look(self.INK)):
-            self._texts.addChild(node)
-        for (_, text), base in zip(words, low.tolist(), strict=True):
-            place, font, written = coin.SoTranslation(), coin.SoFont(), coin.SoText2()
-            place.translation = (self.LEFT + 1.6 * self.SIZE, base + 0.2 * self.SIZE, 0.0)
-            font.size, font.name = 13, "sans"
-            written.string = text
-            self._texts.addChild(separator(place, font, written))
+        self._texts.addChild(unlit())
+        # light around the letters: backgrounds are dark or light
+        for colour, shifts in ((self.PAPER, _AROUND), (self.INK, [(0.0, 0.0)])):
+            self._texts.addChild(look(colour))
+            for (_, text), base in zip(words, low.tolist(), strict=True):
+                for x, y in shifts:
+                    self._write(text, self.LEFT + 1.6 * self.SIZE + x, base + 0.2 * self.SIZE + y)
+
+    def _write(self, text: str, x: float, y: float) -> None:
+        place, font, written = coin.SoTranslation(), coin.SoFont(), coin.SoText2()
+        place.translation = (x, y, 0.0)
+        font.size, font.name = 13, "sans"
+        written.string = text
+        self._texts.addChild(separator(place, font, written))
