@@ -157,7 +157,10 @@ def cover(
         Nodes lie too far from a face, or those of another face lie on it too; the error names the
         faces.
     """
-    known = {f"Face{n}": _nodes_of(arrays, f"Face{n}") for n in range(1, len(shape.Faces) + 1)}
+    # no mesh has nodes on walls inside the material
+    inside = () if places is None or places.body.cover is None else places.body.cover.inside
+    numbers = [n for n in range(1, len(shape.Faces) + 1) if n - 1 not in inside]
+    known = {f"Face{n}": _nodes_of(arrays, f"Face{n}") for n in numbers}
     absent = [name for name, nodes in known.items() if not len(nodes)]
     if absent:
         raise FaultError(
@@ -205,7 +208,7 @@ def cover(
     crowded = [name for name in found.strangers if name not in found.bad]
     coverage = Coverage(
         copy=copy,
-        faces=len(shape.Faces) - len(found.bad) - len(crowded),
+        faces=len(known) - len(found.bad) - len(crowded),
         edges=found.edges,
         vertices=found.vertices,
         lost=(*found.bad, *crowded, *found.lost),

@@ -194,7 +194,14 @@ class Search:
         shared = set(border.tolist())
         sides = {name: shared.intersection(nodes.tolist()) for name, nodes in self.known.items()}
         todo = []
-        for faces, edges in self.neighbours.items():
+        for around, edges in self.neighbours.items():
+            # walls inside the material are no faces of the mesh
+            faces = [n for n in around if f"Face{n}" in self.known]
+            if not faces:
+                for number in edges:
+                    self.result.inside.add(f"Edge{number}")
+                    self._lose(f"Edge{number}", np.inf)
+                continue
             if len(faces) == 1:
                 for number in edges:
                     self._inside(f"Face{faces[0]}", number)

@@ -92,12 +92,14 @@ def _covered(name: str, solid: Any, surface: PatchSurface, tolerance: float) -> 
             faces=foreign,
             remedy="complete the hybrid volume again",
         )
+    origin = np.array([known[patch.face] for patch in surface.patches])
     cover = Covered(
         faces=(),
-        origin=np.array([known[patch.face] for patch in surface.patches]),
+        origin=origin,
         deviation=np.full(len(known), np.nan),
         quads=0,
         kinds=(),
         tolerance=allowed_deviation(solid, tolerance),
+        inside=tuple(np.setdiff1d(np.arange(len(known)), origin).tolist()),
     )
     return Body(name, (), solid, cover=cover)
