@@ -261,7 +261,7 @@ def _read(options: argparse.Namespace, wanted: Sequence[str], folder: Path) -> l
     for file in body_files([str(EXAMPLES), *more]):
         if not any(name.startswith(file.stem) for name in wanted):
             continue
-        for body in sources.read_file(file):
+        for body in sources.read_file(file, cover=False):
             if body.name in wanted:
                 path = folder / f"{body.name}.brep"
                 body.shape.exportBrep(str(path))

@@ -153,7 +153,8 @@ def read_entries(files: Sequence[Path]) -> Iterator[Entry]:
     taken: dict[str, int] = {}
     for file in files:
         try:
-            bodies = sources.read_file(file)
+            # covers have a command of their own
+            bodies = sources.read_file(file, cover=False)
         except InputError as error:
             yield Entry(_unique(file.stem, taken), file.name, error=error)
             continue

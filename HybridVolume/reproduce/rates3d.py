@@ -344,7 +344,7 @@ def read_bodies(
                if inner.is_dir()]  # fmt: skip
     for file in body_files([str(EXAMPLES), *map(str, places)]):
         if file.stem in wanted and file.stem in read and file.stem not in found:
-            bodies = sources.read_file(file)
+            bodies = sources.read_file(file, cover=False)
             if len(bodies) != 1:
                 raise InputError(f"{file.name} has {len(bodies)} bodies, not one")
             if bodies[0].error:
