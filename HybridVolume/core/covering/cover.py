@@ -32,7 +32,7 @@ from .lattice import bicubic_nets
 from .outline import Outline
 from .patches import joined_patches
 from .pillows import corner_angles
-from .quad_mesh import Meshers, QuadCover, quad_cover
+from .quad_mesh import Meshers, QuadCover, UnmeshedError, quad_cover
 from .refining import bending, growth, more_intervals
 
 logger = logging.getLogger(__name__)
@@ -88,6 +88,7 @@ def cover_body(
     share: float = 5.0,
     seconds: float = np.inf,
     progress: Callable[[float, str], None] | None = None,
+    meshers: Meshers | None = None,
 ) -> Cover:
     """Cover a body.
 
@@ -108,6 +109,8 @@ def cover_body(
         No round begins that would probably end later.
     progress : callable, optional
         Told the share that is done and what comes next.
+    meshers : Meshers, optional
+        All that are installed by default.
 
     Raises
     ------
@@ -119,7 +122,7 @@ def cover_body(
     fewest = lower_bounds(outline, np.radians(turn), size)
     geometry = Geometry.of(outline, curves, surfaces, tolerance)
     rows = order_rows(geometry.strict, len(outline.edges))
-    meshers = Meshers.available()
+    meshers = meshers or Meshers.available()
     failure: HybridVolumeError | None = None
     began, words, worst = time.monotonic(), "quads on all faces", []
     for number in range(ROUNDS):
@@ -131,19 +134,26 @@ def cover_body(
         intervals, sides = assign_intervals(outline, fewest, geometry.iso, rows)
         if failure is not None and intervals.sum() > MOST_INTERVALS:
             raise _stopped(failure, f"with {intervals.sum()} intervals of edges")
-        cover = quad_cover(
-            brep,
-            outline,
-            intervals,
-            sides,
-            size,
-            geometry.curves,
-            surfaces,
-            geometry.planar,
-            meshers,
-        )
-        meshed = cover
-        found = kept(cover, outline, geometry)
+        try:
+            meshed = quad_cover(
+                brep,
+                outline,
+                intervals,
+                sides,
+                size,
+                geometry.curves,
+                surfaces,
+                geometry.planar,
+                meshers,
+            )
+        except UnmeshedError as error:
+            # too few intervals: as polygons, edges of a face may cross each other
+            failure, words = error, f"{len(error.missing)} faces not meshed"
+            logger.info("round %d: %s", number + 1, error.line)
+            edges = np.unique(outline.edge[np.isin(outline.face, error.missing)])
+            fewest[edges] = np.maximum(fewest[edges], np.ceil(FINER * intervals[edges] + 0.1))
+            continue
+        found = kept(meshed, outline, geometry)
         cover = found.cover
         bicubic = bicubic_nets(cover, geometry.curves, surfaces)
         nets = homogeneous_nets(cover, bicubic, found.rims, geometry.planar)

@@ -20,13 +20,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import FaultError, HybridVolumeError, SetupError
+from ...errors import FaultError, HybridVolumeError
 from ..surface import SplineFace
 from ..tetmesh.run import end_with_parent
 from .cover import Cover, cover_body
 from .geometry import SplineCurve
 from .limits import end_after, end_with_input, limit_memory, too_large, too_long
 from .outline import Outline
+from .quad_mesh import Meshers
 
 logger = logging.getLogger(__name__)
 
@@ -42,10 +43,11 @@ WORTH = 0.15
 ATTEMPTS = (
     {"turn": 60.0, "share": 5.0},
     {"turn": 45.0, "share": 8.0},
+    {"turn": 60.0, "share": 5.0, "first": "netgen"},
     {"turn": 30.0, "share": 12.0},
 )
 """Sizes of the first quads: the largest turn of an edge in an interval, degrees, and how often an
-interval goes into the diagonal."""
+interval goes into the diagonal; and the mesher that is asked first, if not the usual one."""
 
 
 def write_body(
@@ -195,9 +197,14 @@ def _cover(
         None is found: the failure that concerns the fewest faces.
     """
     attempts = [{}] if "turn" in task else ATTEMPTS
+    engines = {way.engine for way in Meshers.available().ways}
     failures: list[HybridVolumeError] = []
     began = time.monotonic()
     for number, attempt in enumerate(attempts):
+        sizes = dict(attempt)
+        first = sizes.pop("first", "")
+        if first and engines == {first}:
+            continue  # it was the only one before, too
         left = seconds - (time.monotonic() - began)
         if failures and left < WORTH * seconds:
             break
@@ -213,12 +220,11 @@ def _cover(
                 outline,
                 curves,
                 surfaces,
-                **{**attempt, **task},
+                **{**sizes, **task},
                 seconds=left if last else 0.5 * left,
                 progress=told,
+                meshers=Meshers.available(first),
             )
-        except SetupError:
-            raise
         except HybridVolumeError as error:
             logger.info("attempt %d: %s", number + 1, error.line)
             failures.append(error)

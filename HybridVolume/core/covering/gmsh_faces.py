@@ -34,6 +34,7 @@ def mesh_faces(request: Request) -> Iterator[Answer]:
         ("Mesh.Algorithm", request.algorithm),
         ("Mesh.ElementOrder", 1),
         ("Mesh.MeshOnlyVisible", 1),
+        ("Mesh.MinimumCurveNodes", 2),  # or curves asked for in one part get more
     ):
         gmsh.option.setNumber(name, value)
     gmsh.model.occ.importShapes(request.brep)

@@ -57,14 +57,16 @@ def run_mesher(engine: str, request: Request, seconds: float) -> Answer:
     answers: list[Answer] = []
     reasons: list[str] = []
     for _ in range(RESTARTS + 1):
-        found, reason = _run(engine, replace(request, faces=left), ends - time.monotonic())
+        found, reason, complained = _run(
+            engine, replace(request, faces=left), ends - time.monotonic()
+        )
         answers += [_whole(engine, answer) for answer in found]
         if not reason:
             left = left[:0]
             break
         reasons.append(reason)
         logger.info("%s", reason)
-        if not one_by_one(engine):
+        if complained or not one_by_one(engine):
             break
         # the face behind the last one that it got over is the one it cannot do
         left = left[sum(len(answer.done) for answer in found) + 1 :]
@@ -75,8 +77,8 @@ def run_mesher(engine: str, request: Request, seconds: float) -> Answer:
     return Answer.joined(answers)
 
 
-def _run(engine: str, request: Request, seconds: float) -> tuple[list[Answer], str]:
-    """What a mesher gives in a process, and why it gives no more; that is empty at a good end."""
+def _run(engine: str, request: Request, seconds: float) -> tuple[list[Answer], str, bool]:
+    """What a mesher gives in a process, why no more (empty at a good end), if it says so itself."""
     root = Path(__file__).resolve().parents[3]
     variables = dict(os.environ)
     path = [str(root), *(p for p in variables.get("PYTHONPATH", "").split(os.pathsep) if p)]
@@ -108,12 +110,12 @@ def _run(engine: str, request: Request, seconds: float) -> tuple[list[Answer], s
         try:
             answers = [Answer.read(path) for path in sorted(folder.glob(ANSWERS))]
         except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
-            return [], f"{engine} left a damaged answer ({error})"
+            return [], f"{engine} left a damaged answer ({error})", True
         if code is None:
-            return answers, f"{engine} gave no answer in time"
+            return answers, f"{engine} gave no answer in time", False
         if code == 0 and answers:
-            return answers, ""
-        return answers, _reason(engine, code, folder / COMPLAINT, said)
+            return answers, "", False
+        return answers, _reason(engine, code, folder / COMPLAINT, said), code >= 0
 
 
 def _wait(process: subprocess.Popen, folder: Path, seconds: float, by_face: bool) -> int | None:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +36,13 @@ GRID_GOOD = 0.03
 """Four-sided faces whose grid is worse get quads of a mesher."""
 SECONDS = 60.0
 """Longest time of a mesher."""
+
+
+class UnmeshedError(InputError):
+    """No mesher can mesh some faces; ``missing`` are their numbers, which are not handed on."""
+
+    code = "unmeshed"
+    missing: Sequence[int] = ()
 
 
 @dataclass(frozen=True)
@@ -101,11 +108,15 @@ class Meshers:
     reasons: list[str] = field(default_factory=list)
 
     @classmethod
-    def available(cls, *, free: bool | None = None, seconds: float = SECONDS) -> Meshers:
+    def available(
+        cls, first: str = "", *, free: bool | None = None, seconds: float = SECONDS
+    ) -> Meshers:
         """All that are installed.
 
         Parameters
         ----------
+        first : str
+            The one that is asked first, if it is there.
         free : bool, optional
             Nothing under the GPL; by default as the environment says.
         seconds : float
@@ -122,7 +133,8 @@ class Meshers:
                 "no mesher of faces is installed or allowed",
                 remedy="make the environment again, or install netgen-mesher",
             )
-        return cls([way for way in WAYS if way.engine in engines], seconds)
+        ways = [way for way in WAYS if way.engine in engines]
+        return cls(sorted(ways, key=lambda way: way.engine != first), seconds)
 
     def failed(self, way: Way, error: MesherError) -> None:
         """Keep why a way failed; it is the last that is tried from now on."""
@@ -165,7 +177,7 @@ def quad_cover(
 
     Raises
     ------
-    InputError
+    UnmeshedError
         No mesher does all faces; they are named, and what the meshers said is in the message.
     FaultError
         The quads do not close the body.
@@ -191,13 +203,15 @@ def quad_cover(
         missing = [face for face in bad if face not in done]
         if missing:
             words = "; ".join(dict.fromkeys(meshers.reasons[-len(WAYS) :]))
-            raise InputError(
+            error = UnmeshedError(
                 "no mesher can mesh these faces" + (f" ({words})" if words else ""),
                 faces=[f"Face{face + 1}" for face in missing],
                 figure=float(len(missing)),
                 remedy="merge narrow faces with their neighbours, or split faces that close upon"
                 " themselves, in the CAD program",
             )
+            error.missing = missing
+            raise error
     return _joined(done, outline, intervals, rims)
 
 
@@ -233,8 +247,6 @@ def _mesh(
     request: Request, bad: list[int], done: dict[int, FaceQuads], meshers: Meshers, geometry: tuple
 ) -> None:
     """Put quads on faces: of each the best that the meshers give."""
-    from dataclasses import replace
-
     for number, way in enumerate(tuple(meshers.ways)):
         # a poor face is given to one other mesher, a face without any quads to all
         limit = GOOD if number < 2 else -np.inf
