@@ -112,6 +112,8 @@ def test_every_key_of_the_report_is_described(completed):
     text = (PROJECT / "docs" / "report.md").read_text()
     keys = {key for part in found.values() if isinstance(part, dict) for key in part}
     keys -= {*found["seconds"], *found["versions"]}
+    geometry = found["input"]["geometry"]
+    keys |= {*geometry, *geometry["counts"], *geometry["faces"][0]}
     keys |= {*found, *found["fem"]["quality"], *found["fem"]["quality"]["groups"]["all"]}
     keys |= {
         *found["fem"]["density"],

@@ -226,7 +226,7 @@ def read_shape(
         raise errors.InputError("the shape is empty", remedy="give a closed solid")
     solids = _solids(shape)
     names = _body_names(name, len(solids))
-    bodies = _read_solids(names, solids)
+    bodies = _read_solids(names, solids, cover)
     for k, body in enumerate(bodies if cover else ()):
         if isinstance(body.error, COVERED):
             covering = Covering(
@@ -245,11 +245,13 @@ def _body_names(name: str, count: int) -> list[str]:
     return [name] if count == 1 else [f"{name}_{i + 1}" for i in range(count)]
 
 
-def _read_solids(names: Sequence[str], solids: Sequence[Any]) -> list[Body]:
+def _read_solids(names: Sequence[str], solids: Sequence[Any], cover: bool = True) -> list[Body]:
     """Solids as they are; those with faces that are no patches carry an error of `COVERED`."""
     bodies = [_read_solid(solid, own) for solid, own in zip(solids, names, strict=True)]
     usable = [
-        k for k, body in enumerate(bodies) if not body.error or isinstance(body.error, COVERED)
+        k
+        for k, body in enumerate(bodies)
+        if not body.error or (cover and isinstance(body.error, COVERED))
     ]
     contacts = find_point_contacts([solids[k] for k in usable], [names[k] for k in usable])
     for k, error in zip(usable, contacts, strict=True):
