@@ -211,7 +211,8 @@ def project(face: SplineFace, points: np.ndarray) -> tuple[np.ndarray, np.ndarra
             own = active[rows]
             trial = np.clip(uv[own] - share * step[rows], low, high)
             reached = np.linalg.norm(evaluate(face, trial)[0] - points[own], axis=1)
-            better = reached < best[own]
+            # near a foot distances differ by rounding only, the place does not
+            better = reached <= best[own] * (1.0 + 1e-14)
             own, rows, trial = own[better], rows[better], trial[better]
             moved[rows] = (np.abs(trial - uv[own]) / (high - low)).max(axis=1)
             uv[own], best[own] = trial, reached[better]
