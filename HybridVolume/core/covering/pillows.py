@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from .outline import CORNER, Outline
 from .quad_mesh import QuadCover
 from .relaxing import sines
 
@@ -22,12 +23,15 @@ _SHARES = (0.5, 0.4, 0.3, 0.6, 0.2)
 """How far the small quad's corners are drawn towards its middle; the best is taken."""
 
 
-def pillow_flat_corners(cover: QuadCover, kept: np.ndarray | None = None) -> QuadCover:
+def pillow_flat_corners(
+    cover: QuadCover, outline: Outline, kept: np.ndarray | None = None
+) -> QuadCover:
     """Cut quads with a flat corner on the outline into five.
 
     Parameters
     ----------
     cover : QuadCover
+    outline : Outline
     kept : (m,) bool array, optional
         Quads that stay as they are.
 
@@ -41,12 +45,14 @@ def pillow_flat_corners(cover: QuadCover, kept: np.ndarray | None = None) -> Qua
     on_rim = _rows_in(sides.reshape(-1, 2), cover.rim).reshape(-1, 4)
     angles = corner_angles(points[quads])
     flat = (angles > FLAT) & on_rim & np.roll(on_rim, 1, axis=1)
+    # between chords of a coarsely cut arc the corner looks sharper than it is
+    flat |= smooth_corners(cover, outline)
     if kept is not None:
         flat[kept] = False
     cut = np.flatnonzero(flat.any(axis=1))
     if not len(cut):
         return cover
-    inner = _inner_corners(points[quads[cut]])
+    inner = _inner_corners(points[quads[cut]], flat[cut])
     count = len(points)
     new = (count + np.arange(4 * len(cut))).reshape(-1, 4)
     around = np.stack(
@@ -66,6 +72,28 @@ def pillow_flat_corners(cover: QuadCover, kept: np.ndarray | None = None) -> Qua
     )
 
 
+def smooth_corners(cover: QuadCover, outline: Outline) -> np.ndarray:
+    """Corners of quads between two sides on edges that go on smoothly there, (m, 4) bool."""
+    quads, count = cover.quads, len(cover.points)
+    pairs = np.sort(np.stack([quads, np.roll(quads, -1, axis=1)], axis=2), axis=2)
+    keys, table = (rows[..., 0] * count + rows[..., 1] for rows in (pairs, cover.rim))
+    row = np.minimum(np.searchsorted(table, keys), len(table) - 1)
+    ahead = np.where(table[row] == keys, cover.rim_edge[row], -1)
+    behind = np.roll(ahead, 1, axis=1)
+    both = (ahead >= 0) & (behind >= 0)
+    # where edges of a face follow each other in a corner
+    last = np.append(np.flatnonzero(np.diff(outline.loop)), len(outline.loop) - 1)
+    after = np.arange(1, len(outline.loop) + 1)
+    after[last] = np.append(0, last[:-1] + 1)
+    sharp = np.abs(outline.corner) > CORNER
+    size = len(outline.edges)
+    one, other = outline.edge[sharp], outline.edge[after[sharp]]
+    meeting = (outline.face[sharp] * size + np.minimum(one, other)) * size + np.maximum(one, other)
+    own = (cover.face[:, None] * size + np.minimum(ahead, behind)) * size
+    own += np.maximum(ahead, behind)
+    return both & ~np.isin(own, meeting)
+
+
 def corner_angles(corners: np.ndarray) -> np.ndarray:
     """Angles of quads at their corners, (m, 4), rad, from their corners (m, 4, 3)."""
     ahead = np.roll(corners, -1, axis=1) - corners
@@ -74,17 +102,15 @@ def corner_angles(corners: np.ndarray) -> np.ndarray:
     return np.arctan2(cross, np.einsum("mcd,mcd->mc", ahead, behind))
 
 
-def _inner_corners(corners: np.ndarray) -> np.ndarray:
+def _inner_corners(corners: np.ndarray, flat: np.ndarray) -> np.ndarray:
     """Corners of the small quads, (m, 4, 3): of some positions those with the best angles."""
     middle = corners.mean(axis=1, keepdims=True)
     normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     trials, worst = [], []
-    angles = corner_angles(corners)
-    flat = (angles > FLAT)[..., None]
     for share in _SHARES:
         for more in _SHARES:
-            inner = corners + np.where(flat, more, share) * (middle - corners)
+            inner = corners + np.where(flat[..., None], more, share) * (middle - corners)
             around = np.stack(
                 [corners, np.roll(corners, -1, 1), np.roll(inner, -1, 1), inner], axis=2
             )
