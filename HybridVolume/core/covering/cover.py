@@ -41,7 +41,7 @@ ROUNDS = 9
 """So often more intervals are tried."""
 FINER = 1.5
 """Quads that are folded or slivers become so many times smaller."""
-MANY_POINTS = 64
+MANY_POINTS = 100
 """More control points a quad, on average, than this (a bicubic patch has 16) are too many for the
 shell: then only edges with simple curves are exact."""
 MOST_POINTS = 3_000_000
