@@ -6,6 +6,8 @@ What macros and scripts use::
 
     import HybridVolume
     body = HybridVolume.read_step("fandisk.step")[0]
+    part = HybridVolume.read_step("drilled.step", cover_tolerance=0.01)[0]    # any faces, mm
+    part.origin["geometry"]["sentence"]                  # what became of its faces
     volume = HybridVolume.complete(body, w0=0.5)
     volume = HybridVolume.complete(body, thickness="2 mm", face_factors={"Face3": 1.5}, layers=4,
                                    spacing="first 0.2 mm")

@@ -153,19 +153,14 @@ def read_step(
     import_freecad()
     from HybridVolume.sources import read_file
 
-    return read_file(
-        path,
-        cover=cover,
-        tolerance=cover_tolerance,
-        free_only=free_only,
-        progress=_alone(progress),
-        python=python,
-    )
+    how = _reading(cover, cover_tolerance, progress, python)
+    return read_file(path, free_only=free_only, **how)
 
 
-def _alone(progress: Callable[[Progress], None] | None) -> Callable[[str, Progress], None] | None:
-    """Progress of reading told without the body's name."""
-    return None if progress is None else lambda _, news: progress(news)
+def _reading(cover: bool, tolerance: float | None, progress: Any, python: str | None) -> dict:
+    """Keywords of reading; progress is told without the body's name."""
+    told = None if progress is None else lambda _, news: progress(news)
+    return {"cover": cover, "tolerance": tolerance, "progress": told, "python": python}
 
 
 def complete(
@@ -235,9 +230,8 @@ def complete(
     """
     if own is not None:
         options.setdefault("midstructure", "own")
-    given = {"cover": cover, "tolerance": cover_tolerance, "progress": _alone(progress)}
     job = Job(
-        faces_of(body, **given, python=python),
+        faces_of(body, **_reading(cover, cover_tolerance, progress, python)),
         name=_stem(body),
         options={
             "w0": w0,
@@ -308,9 +302,8 @@ def find_midstructure(
     """
     if own is not None and method == "auto":
         method = "own"
-    given = {"cover": cover, "tolerance": cover_tolerance, "progress": _alone(progress)}
     job = Job(
-        faces_of(body, **given, python=python),
+        faces_of(body, **_reading(cover, cover_tolerance, progress, python)),
         options={"midstructure": method, "strict_decisions": True, **search},
         goal="midstructure",
         own=_own(own),
