@@ -45,6 +45,11 @@ GRIDS = (1, 2)
 """Cells a knot span in the triangulations that are tested for crossings.
 
 One cell a span is what the core's boundary has, two follow the curves."""
+MERGES = (2, 4, 7, 12)
+"""Rings of elements around what is wrong that stay as they were, one after the other."""
+BACK = 2.5
+"""How much farther than its neighbour on a net edge a column may be on its way from one state to
+another."""
 CLOSER = 8
 """Cells a knot span where the inner surface is not proved to be free of crossings."""
 
@@ -287,6 +292,60 @@ class ColumnSpace:
             near[points] = np.maximum(near[points], share)
             points = points_of(self.surface, elements_with(self.surface, points))
         return near
+
+    # ------------------------------------------------------------------------ mixtures of states
+
+    def held_back(self, sound: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        """Columns on the way from sound to wanted ones, as far as their elements are proved."""
+        share = np.ones(len(self.reach))
+        d = wanted
+        for _ in range(8):
+            certificate = self.certificate(d)
+            bad = certificate.element[certificate.status < 1]
+            if not len(bad):
+                return d
+            d = self._backed(sound, wanted, share, bad)
+        return d
+
+    def blended(self, sound: ColumnState, wanted: ColumnState) -> ColumnState:
+        """As :meth:`held_back`, for what crosses as well; the sound state where that fails."""
+        share = np.ones(len(self.reach))
+        state = wanted
+        for _ in range(12):
+            if state.accepted:
+                return state
+            state = self.check(self._backed(sound.d, wanted.d, share, state.bad))
+        return state if state.accepted else sound
+
+    def _backed(
+        self, sound: np.ndarray, wanted: np.ndarray, share: np.ndarray, bad: np.ndarray
+    ) -> np.ndarray:
+        """Halve the shares (in place) at bad elements and even them out around."""
+        points = points_of(self.surface, bad)
+        share[points] *= 0.5
+        share[share < 0.03] = 0.0
+        a, b = self.frame.edges.T
+        for _ in range(3):
+            np.minimum.at(share, a, np.maximum(BACK * share[b], 0.08))
+            np.minimum.at(share, b, np.maximum(BACK * share[a], 0.08))
+        return sound + share[:, None] * (wanted - sound)
+
+    def merged(self, sound: ColumnState, wanted: ColumnState) -> ColumnState:
+        """The wanted columns, apart from those around its bad elements, which stay as they were.
+
+        Where a state is wrong in few places only, all the others need not wait for them.
+        """
+        bad = wanted.bad
+        state = wanted
+        for rings in MERGES:
+            if not len(bad) or len(bad) > 0.2 * self.surface.element_count:
+                break
+            share = np.minimum(2.0 * self.around(bad, rings), 1.0)[:, None]
+            state = self.check(wanted.d + share * (sound.d - wanted.d))
+            bad = np.union1d(bad, state.bad)
+            if state.accepted:
+                break
+        return state
 
 
 def nodal_matrix(surface: PatchSurface) -> sparse.csr_matrix:

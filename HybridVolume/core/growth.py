@@ -23,7 +23,7 @@ from .harmonic import HarmonicField
 from .levels import Spacing, spaced_layers, trials, uniform_layers
 from .shell import Shell
 from .surface import PatchSurface
-from .untangle import optimise, points_of
+from .untangle import optimise
 from .validity import Certificate, certify
 
 logger = logging.getLogger(__name__)
@@ -52,8 +52,6 @@ WORTHWHILE = 0.97
 """Share of its fault that a state may keep if a round is to count as a gain."""
 LOOSEST = 1.0
 """Smallest weight of the isosurface term in these rounds."""
-MERGES = (2, 4, 7, 12)
-"""Rings of elements around what is wrong that stay as they were, one after the other."""
 AHEAD = (0.25, 0.5, 1.0)
 """Shares of a layer by which the feet of columns stand ahead where thin rational layers fail."""
 CLOSER_LOOKS = 3
@@ -61,9 +59,6 @@ CLOSER_LOOKS = 3
 KEPT = 0.95
 """Share of the mean level that is kept where such crossings are parted; with less another way is
 tried."""
-BACK = 2.5
-"""How much farther than its neighbour on a net edge a column may be on its way from one state to
-another."""
 
 
 class _Grower(ColumnSpace):
@@ -77,60 +72,6 @@ class _Grower(ColumnSpace):
         super().__init__(surface, field, degree_w)
         self.report = report
         self.fidelities: Sequence[float] = FIDELITIES
-
-    # ------------------------------------------------------------------------ mixtures of states
-
-    def held_back(self, sound: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        """Columns on the way from sound to wanted ones, as far as their elements are proved."""
-        share = np.ones(len(self.reach))
-        d = wanted
-        for _ in range(8):
-            certificate = self.certificate(d)
-            bad = certificate.element[certificate.status < 1]
-            if not len(bad):
-                return d
-            d = self._backed(sound, wanted, share, bad)
-        return d
-
-    def blended(self, sound: ColumnState, wanted: ColumnState) -> ColumnState:
-        """As :meth:`held_back`, for what crosses as well; the sound state where that fails."""
-        share = np.ones(len(self.reach))
-        state = wanted
-        for _ in range(12):
-            if state.accepted:
-                return state
-            state = self.check(self._backed(sound.d, wanted.d, share, state.bad))
-        return state if state.accepted else sound
-
-    def _backed(
-        self, sound: np.ndarray, wanted: np.ndarray, share: np.ndarray, bad: np.ndarray
-    ) -> np.ndarray:
-        """Halve the shares (in place) at bad elements and even them out around."""
-        points = points_of(self.surface, bad)
-        share[points] *= 0.5
-        share[share < 0.03] = 0.0
-        a, b = self.frame.edges.T
-        for _ in range(3):
-            np.minimum.at(share, a, np.maximum(BACK * share[b], 0.08))
-            np.minimum.at(share, b, np.maximum(BACK * share[a], 0.08))
-        return sound + share[:, None] * (wanted - sound)
-
-    def merged(self, sound: ColumnState, wanted: ColumnState) -> ColumnState:
-        """The wanted columns, apart from those around its bad elements, which stay as they were.
-
-        Where a state is wrong in few places only, all the others need not wait for them.
-        """
-        bad = wanted.bad
-        state = wanted
-        for rings in MERGES:
-            if not len(bad) or len(bad) > 0.2 * self.surface.element_count:
-                break
-            share = np.minimum(2.0 * self.around(bad, rings), 1.0)[:, None]
-            state = self.check(wanted.d + share * (sound.d - wanted.d))
-            bad = np.union1d(bad, state.bad)
-            if state.accepted:
-                break
-        return state
 
     # ------------------------------------------------------------------------------------ stages
 
@@ -278,7 +219,7 @@ class _Grower(ColumnSpace):
             starts = [self.blended(thin, start)] if thin else []
             # where much of the front is folded, little is left of it on the way back
             if not starts or len(start.bad) > MANY * self.surface.element_count:
-                starts.append(self.untangled(start, goal))
+                starts += self.untangled(start, goal, thin)
             sound = [state for state in starts if state.accepted]
             if not sound:
                 return None
@@ -286,12 +227,28 @@ class _Grower(ColumnSpace):
             self.report(0.4, f"start, w = {start.mean:.3g}")
         return self.stages(start, goal)
 
-    def untangled(self, state: ColumnState, goal: np.ndarray) -> ColumnState:
-        """Repair columns where no sound ones are known: locally, ever wider, and thinner."""
+    def untangled(
+        self, state: ColumnState, goal: np.ndarray, thin: ColumnState | None
+    ) -> list[ColumnState]:
+        """Optimise folded columns together and mend what is still wrong, in two ways.
+
+        With sound columns, ``thin``, as in any stage; without them locally, ever wider, and thinner
+        (which around a few faults in coarse nets may become thin everywhere).
+        """
         fidelity = 0.1 * FIDELITIES[0]
         if len(state.bad) > MANY * self.surface.element_count:
             energy = self.energy(state.d, goal, fidelity)
             state = self.check(optimise(energy, self.reach))
+        found = []
+        if thin is not None and not state.accepted:
+            mended, _ = self.repaired(thin, state, goal, fidelity, None)
+            found = [mended if mended.accepted else self.blended(thin, state)]
+        return [*found, self.locally_untangled(state, goal, fidelity)]
+
+    def locally_untangled(
+        self, state: ColumnState, goal: np.ndarray, fidelity: float
+    ) -> ColumnState:
+        """Repair columns where no sound ones are known: locally, ever wider, and thinner."""
         fewest, since = len(state.bad), 0
         for number in range(UNTANGLINGS):
             bad = state.bad
