@@ -40,6 +40,9 @@ def plate():
         (Part.makeCylinder(5, 20), [4, 1, 1]),
         (Part.makeTorus(10, 3), [16]),
         (Part.makeSphere(10), [4]),
+        # a cap at the tip and five rings; a tip that is cut open, in quarters too
+        (Part.makeCone(6, 0, 15), [24, 1]),
+        (Part.makeCone(6, 0, 15, FreeCAD.Vector(), FreeCAD.Vector(0, 0, 1), 270), [18, 1, 1, 1]),
         (Part.makeBox(1, 2, 3), [1] * 6),
     ],
 )
@@ -52,6 +55,21 @@ def test_seams_are_cut_away(solid, pieces):
     # general fuse keeps the numbers of faces apart: a piece's surface is that of its origin
     for piece, origin in zip(cut.solid.Faces, cut.origin.tolist(), strict=True):
         assert piece.Surface.TypeId == solid.Faces[origin].Surface.TypeId
+
+
+def test_caps_at_tips_are_as_small_as_the_tolerance_asks():
+    cone = Part.makeCone(6, 0, 15)
+    tip = FreeCAD.Vector(0, 0, 15)
+    for tolerance in (1e-2, 1e-3):
+        cut = imprint_seams(cone, tolerance).solid
+        away = sorted(tip.distanceToPoint(vertex.Point) for vertex in cut.Vertexes)
+        # four vertices on every ring, each three times as far away as the one before
+        rings = np.array(away[1:]).reshape(-1, 4)
+        assert np.ptp(rings, axis=1).max() < 1e-9
+        assert rings[1:-1, 0] / rings[:-2, 0] == pytest.approx(3.0)
+        # a needle would have 20 times the tolerance; normals of this cone turn by 136 degrees
+        flatness = np.cos(np.arctan2(6.0, 15.0))
+        assert rings[0, 0] == pytest.approx(20.0 * tolerance / flatness, rel=1e-2)
 
 
 def test_outlines_know_sides_and_corners():
