@@ -306,7 +306,9 @@ def make_analysis(obj: Any, *, materials_apart: bool = False) -> Any:
     Returns
     -------
     App.DocumentObject
-        The analysis: mesh, material (steel, to be changed), CalculiX solver (linear, static).
+        The analysis: mesh, material (steel, to be changed), CalculiX solver (linear, static). Its
+        property LoadsOn says which object supports and loads go on, and why where that is a copy
+        of the body.
 
     Raises
     ------
@@ -318,6 +320,7 @@ def make_analysis(obj: Any, *, materials_apart: bool = False) -> Any:
     doc = mesh.Document
     with transaction(doc, "Make an analysis"):
         analysis = ObjectsFem.makeAnalysis(doc, "Analysis")
+        _tell_body(analysis, mesh)
         maker = next(getattr(ObjectsFem, name) for name in _SOLVERS if hasattr(ObjectsFem, name))
         solver = maker(doc)
         solver.AnalysisType = "static"
@@ -334,6 +337,23 @@ def make_analysis(obj: Any, *, materials_apart: bool = False) -> Any:
         analysis.addObjects([solver, *materials, mesh])
         doc.recompute()
     return analysis
+
+
+def _tell_body(analysis: Any, mesh: Any) -> None:
+    """Say in a property of an analysis what loads go on."""
+    if mesh.Shape is None:
+        return
+    text = mesh.Shape.Label
+    if mesh.FaceTolerance.Value:
+        text += (
+            f": a copy whose faces have tolerances of up to {mesh.FaceTolerance.Value:.2g} mm, for"
+            " the mesh's nodes are not quite on the CAD faces"
+        )
+    analysis.addProperty(
+        "App::PropertyString", "LoadsOn", "Analysis", "The body that supports and loads go on."
+    )
+    analysis.LoadsOn = text
+    analysis.setEditorMode("LoadsOn", ["ReadOnly"])
 
 
 def _name_groups(mesh: Any, materials: list[Any]) -> None:

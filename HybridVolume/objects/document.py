@@ -447,7 +447,9 @@ def _stands_still(source: Any) -> bool:
 
 def _fill_meshes(obj: Any, prepared: PreparedMesh) -> None:
     prepared.fill(obj.FemMesh)
-    obj.FemMesh.Lost = list(prepared.coverage.lost)
+    coverage = prepared.coverage
+    obj.FemMesh.Lost = list(coverage.lost)
+    obj.FemMesh.FaceTolerance = coverage.tolerance if coverage.copy is not None else 0.0
     for part in PARTS:
         prepared.fill_part(obj, part)
 

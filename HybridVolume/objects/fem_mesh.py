@@ -278,6 +278,14 @@ class AnalysisMesh(DocumentObject):
             "supports on them would be incomplete.",
             mode=("ReadOnly",),
         ),
+        "FaceTolerance": Property(
+            "App::PropertyLength",
+            "Mesh",
+            "Widest tolerance of faces of the body that loads go on, where it was made wider than "
+            "that of the CAD faces, which the nodes are beside; else 0.",
+            0.0,
+            mode=("ReadOnly",),
+        ),
         "Digest": _DIGEST,
         "Status": _STATUS,
     }
