@@ -74,7 +74,7 @@ class Coverage:
         Largest tolerance of a face of the body, or of its copy, mm.
     inside : tuple of str
         Those of ``lost`` that no two faces share, such as seams and poles: where a face was
-        covered, no line of the mesh need follow them.
+        covered, no line of the mesh need follow them; and walls inside the material.
     crowded : tuple of str
         Those faces among ``lost`` on which more than their nodes are found.
     widened : tuple of str
@@ -206,18 +206,19 @@ def cover(
     used = copy or shape
     count = sum(map(len, known.values()))
     crowded = [name for name in found.strangers if name not in found.bad]
+    walls = [f"Face{n + 1}" for n in sorted(inside)]
     coverage = Coverage(
         copy=copy,
         faces=len(known) - len(found.bad) - len(crowded),
         edges=found.edges,
         vertices=found.vertices,
-        lost=(*found.bad, *crowded, *found.lost),
+        lost=(*found.bad, *crowded, *walls, *found.lost),
         nodes=count,
         measured=count if places is not None else 0,
         searched=found.searched,
         distance=max(measured.values()) if places is not None else None,
         tolerance=used.getTolerance(1, Part.Face),
-        inside=tuple(name for name in found.lost if name in found.inside),
+        inside=(*walls, *(name for name in found.lost if name in found.inside)),
         crowded=tuple(crowded),
         widened=tuple(widened),
     )
