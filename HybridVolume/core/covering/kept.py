@@ -19,7 +19,7 @@ from .iso_faces import grid_parameters, on_grids
 from .iso_sides import IsoSides, agreeing, iso_sides
 from .outline import Outline
 from .pillows import pillow_flat_corners
-from .places import edge_chains, even_steps, spread_places
+from .places import edge_chains, spread_places, wanted_places
 from .quad_mesh import QuadCover
 from .relaxing import relaxed
 from .rims import Rims, rims_of
@@ -114,7 +114,9 @@ def kept(cover: QuadCover, outline: Outline, geometry: Geometry) -> Kept:
     curves, surfaces = geometry.curves, geometry.surfaces
     chains = edge_chains(cover, curves)
     counts = {edge: len(chain) - 1 for edge, chain in chains.items()}
-    even = {edge: even_steps(curves[edge], count) for edge, count in counts.items()}
+    even = {
+        edge: wanted_places(curves[edge], cover.points[chain]) for edge, chain in chains.items()
+    }
     places, agreed = spread_places(geometry.iso, counts, even, geometry.rank)
     cover = _moved(cover, curves, chains, places)
     cover = pillow_flat_corners(cover, outline, np.isin(cover.face, sorted(agreed)))
@@ -125,11 +127,21 @@ def kept(cover: QuadCover, outline: Outline, geometry: Geometry) -> Kept:
         if found is not None:
             grids[face] = found
     cover = relaxed(on_grids(cover, grids, surfaces), surfaces, np.isin(cover.face, list(grids)))
-    needed = _edges_of(outline, np.isin(np.arange(len(surfaces)), list(grids)))
     wanted = _edges_of(outline, geometry.planar)
     if geometry.simple:
         wanted &= [curve is not None and _is_simple(curve) for curve in curves]
-    return Kept(cover, grids, rims_of(cover, curves, chains, places, wanted, needed))
+    while True:
+        own = np.isin(np.arange(len(surfaces)), list(grids))
+        needed = _edges_of(outline, own) + 1 * _edges_of(outline, own & ~geometry.planar)
+        rims, torn = rims_of(cover, curves, chains, places, wanted, needed)
+        if not torn:
+            return Kept(cover, grids, rims)
+        beside = np.unique(outline.face[np.isin(outline.edge, torn)]).tolist()
+        # a plane stays one without its parameters
+        del grids[max(
+            (face for face in beside if face in grids),
+            key=lambda face: (geometry.planar[face], geometry.rank[face], face),
+        )]  # fmt: skip
 
 
 def _is_simple(curve: SplineCurve) -> bool:

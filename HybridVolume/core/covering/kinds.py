@@ -145,10 +145,6 @@ def kinds_of(
     tuple of str
         ``bit``, ``exact`` or ``tolerance``.
     """
-    followed = np.zeros(len(outline.edges), dtype=bool)
-    followed[found.cover.rim_edge[~found.rims.exact]] = True
-    loose = np.zeros(len(deviation), dtype=bool)
-    np.logical_or.at(loose, outline.face, followed[outline.edge])
     reach = float(np.abs(outline.vertices).max())
     diagonal = float(np.linalg.norm(np.ptp(outline.vertices, axis=0)))
     # coordinates far from the origin are rounded more coarsely than a small body is exact
@@ -157,7 +153,7 @@ def kinds_of(
     kinds = []
     for face, surface in enumerate(geometry.surfaces):
         grid = face in found.grids
-        if not near[face] or not (grid or (geometry.planar[face] and not loose[face])):
+        if not near[face] or not (grid or geometry.planar[face]):
             kinds.append(TOLERANCE)
         else:
             kinds.append(BIT if grid and not surface.exact else EXACT)

@@ -8,10 +8,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from .. import bspline
 from ..merged_quads import fewest_knots
-from ..quad_layout import quad_layout
+from ..quad_layout import QuadLayout, quad_layout
 from ..surface import SplineFace
 from .coons import Nets
 from .iso_faces import segment
@@ -58,11 +60,10 @@ def joined_patches(
         Corners and parameters of faces that are pieces of their surfaces.
     surfaces : sequence of SplineFace
     """
-    layout = quad_layout(cover.quads, cover.rim)
+    layout, widths = _layout(cover, grids)
     face = np.empty(len(layout.grids), dtype=int)
     face[layout.patch] = cover.face
-    order = np.lexsort((layout.cell[:, 1], layout.cell[:, 0], layout.patch))
-    starts = np.concatenate([[0], np.cumsum(np.bincount(layout.patch))])
+    order, starts = _cells(layout)
     where = np.empty((len(cover.quads), 2), dtype=int)
     for k, group in enumerate(nets):
         where[group.quads] = np.column_stack([np.full(len(group.quads), k),
@@ -81,8 +82,88 @@ def joined_patches(
             cells = order[starts[k] : starts[k + 1]].tolist()
             pieces = [_turned(nets[where[q, 0]], where[q, 1], int(layout.first[q])) for q in cells]
             m, n = (extent - 1 for extent in layout.grids[k].shape)
-            found.append(_joined([pieces[i * n : (i + 1) * n] for i in range(m)], name, size))
+            rows = [pieces[i * n : (i + 1) * n] for i in range(m)]
+            first = np.array(cells)
+            lines = widths[first[::n], 0], widths[first[:n], 1]
+            found.append(_joined(rows, *map(_lines, lines), name, size))
     return Joined(tuple(found), face, places)
+
+
+def _cells(layout: QuadLayout) -> tuple[np.ndarray, np.ndarray]:
+    """Quads in the order of the patches and their cells, and where each patch begins."""
+    order = np.lexsort((layout.cell[:, 1], layout.cell[:, 0], layout.patch))
+    return order, np.concatenate([[0], np.cumsum(np.bincount(layout.patch))])
+
+
+def _layout(
+    cover: QuadCover, grids: Mapping[int, tuple[np.ndarray, np.ndarray]]
+) -> tuple[QuadLayout, np.ndarray]:
+    """Patches, and the widths of all quads along u and v of these, (m, 2).
+
+    All quads of a strip have one width, so that the patches that it crosses match. In a piece of a
+    surface the widths are those of the surface's parameters; where a strip crosses two pieces with
+    different ones, the patches are cut between their cells.
+    """
+    quads, count = cover.quads, len(cover.points)
+    pairs = np.sort(np.stack([quads, np.roll(quads, -1, axis=1)], axis=2), axis=2)
+    sides, number = np.unique(pairs[..., 0] * count + pairs[..., 1], return_inverse=True)
+    number = number.reshape(quads.shape)
+    links = np.concatenate([number[:, [0, 2]], number[:, [1, 3]]])
+    graph = coo_array((np.ones(len(links)), links.T), shape=(len(sides), len(sides)))
+    strip = connected_components(graph, directed=False)[1][number[:, :2]]
+    cuts = cover.rim
+    while True:
+        layout = quad_layout(quads, cuts)
+        # a patch may begin at another corner than its quads
+        label = strip.copy()
+        odd = layout.first % 2 == 1
+        label[odd] = label[odd, ::-1]
+        width, more = _strip_widths(layout, label, cover.face, grids)
+        if not more:
+            return layout, width[label]
+        cuts = np.concatenate([cuts, *more])
+
+
+def _strip_widths(
+    layout: QuadLayout,
+    label: np.ndarray,
+    face: np.ndarray,
+    grids: Mapping[int, tuple[np.ndarray, np.ndarray]],
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Width of each strip, and sides between cells of pieces that need others."""
+    width = np.zeros(label.max() + 1)
+    order, starts = _cells(layout)
+    more = []
+    for k, grid in enumerate(layout.grids):
+        own = int(face[order[starts[k]]])
+        if own not in grids:
+            continue
+        corners, uv = grids[own]
+        cells = order[starts[k] : starts[k + 1]].reshape(grid.shape[0] - 1, grid.shape[1] - 1)
+        for axis in (0, 1):
+            lines = grid if axis == 0 else grid.T
+            if len(lines) < 3:
+                continue
+            strips = label[cells[:, 0] if axis == 0 else cells[0], axis]
+            at = uv[np.searchsorted(corners, lines[:, 0])]
+            step = np.abs(np.diff(at[:, np.ptp(at, axis=0).argmax()]))
+            step /= step.mean()
+            there = width[strips]
+            if not there.any():
+                width[strips] = step
+            elif np.abs(there / there.mean() - step).max() > 1e-9:
+                more.append(np.column_stack([lines[1:-1, 0], lines[1:-1, 1]]))
+    width[width == 0.0] = 1.0
+    return width, more
+
+
+def _lines(widths: np.ndarray) -> np.ndarray:
+    """Where cells of some widths end on [0, 1]; evenly where they are equal but for rounding."""
+    count = len(widths)
+    if np.ptp(widths) <= 1e-13 * widths.max():
+        return np.arange(count + 1.0) / count
+    lines = np.concatenate([[0.0], np.cumsum(widths)])
+    return lines / lines[-1]
 
 
 def _piece(
@@ -111,9 +192,11 @@ def _turned(nets: Nets, row: int, first: int) -> Spline:
     return knots, points
 
 
-def _joined(cells: list[list[Spline]], name: str, size: float) -> SplineFace:
-    """One spline of the cells of a patch, all raised to the highest degrees among them."""
-    m, n = len(cells), len(cells[0])
+def _joined(
+    cells: list[list[Spline]], u: np.ndarray, v: np.ndarray, name: str, size: float
+) -> SplineFace:
+    """One spline of the cells of a patch between lines, raised to the highest degrees there."""
+    n = len(cells[0])
     degrees = [
         max(len(knots[axis]) - points.shape[axis] - 1 for line in cells for knots, points in line)
         for axis in (0, 1)
@@ -135,13 +218,15 @@ def _joined(cells: list[list[Spline]], name: str, size: float) -> SplineFace:
             points[at[0], at[1]] = net
     plain = all(len(own) == 8 for line in lines for own in line)
     if degrees == [3, 3] and plain and np.all(points[..., 3] == 1.0):
-        knots_u, points = fewest_knots(points, np.arange(m + 1.0), size)
-        knots_v, points = fewest_knots(points.transpose(1, 0, 2), np.arange(n + 1.0), size)
+        knots_u, points = fewest_knots(points, u, size)
+        knots_v, points = fewest_knots(points.transpose(1, 0, 2), v, size)
         points = points.transpose(1, 0, 2)
         points[..., 3] = 1.0
     else:
-        knots_u, knots_v = (_strung(p, own) for p, own in zip(degrees, lines, strict=True))
-    return _face(name, (degrees[0], degrees[1]), (knots_u / m, knots_v / n), points, True)
+        knots_u, knots_v = (
+            _strung(p, own, at) for p, own, at in zip(degrees, lines, (u, v), strict=True)
+        )
+    return _face(name, (degrees[0], degrees[1]), (knots_u, knots_v), points, True)
 
 
 def _common(degree: int, lines: list[np.ndarray]) -> np.ndarray:
@@ -167,10 +252,14 @@ def _refining(degree: int, knots: np.ndarray, count: int, wanted: np.ndarray) ->
     return matrix
 
 
-def _strung(degree: int, lines: list[np.ndarray]) -> np.ndarray:
+def _strung(degree: int, lines: list[np.ndarray], at: np.ndarray) -> np.ndarray:
     """Knots of cells one after the other, which only touch."""
-    inner = [k + own[degree + 1 : -1] for k, own in enumerate(lines)]
-    return np.concatenate([np.zeros(degree + 1), *inner, [float(len(lines))]])
+    inner = []
+    for own, low, high in zip(lines, at[:-1], at[1:], strict=True):
+        knots = low + own[degree + 1 : -1] * (high - low)
+        knots[own[degree + 1 : -1] == 1.0] = high
+        inner.append(knots)
+    return np.concatenate([np.zeros(degree + 1), *inner, at[-1:]])
 
 
 def _face(

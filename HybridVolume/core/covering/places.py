@@ -21,7 +21,9 @@ from .iso_sides import SHARE, IsoSides
 from .quad_mesh import QuadCover
 
 LEAST = 0.1
-"""Shortest step between corners, as a share of the even one."""
+"""Shortest step between corners, as a share of the wanted one."""
+UNEVEN = 2.0
+"""Lengths beside each other may differ by this factor for the sake of even parameters."""
 
 
 def edge_chains(cover: QuadCover, curves: Sequence[SplineCurve | None]) -> dict[int, np.ndarray]:
@@ -75,8 +77,29 @@ def _second(curve: SplineCurve) -> np.ndarray:
     return np.array([0.0, 1e-3, 0.0]) * (curve.knots[-1] - curve.knots[0])
 
 
-def even_steps(curve: SplineCurve, count: int) -> np.ndarray:
-    """Shares of a curve's range at count + 1 corners: every knot is one if there are enough."""
+def wanted_places(curve: SplineCurve, points: np.ndarray) -> np.ndarray:
+    """Shares of a curve's range where the corners on an edge should be.
+
+    Evenly in its parameter, with a corner at every knot if there are enough; where that makes
+    lengths too different they stay where they are.
+
+    Parameters
+    ----------
+    curve : SplineCurve
+    points : (k + 1, 3) array
+        Corners from the curve's beginning to its end.
+    """
+    low, high = curve.knots[0], curve.knots[-1]
+    even = _even(curve, len(points) - 1)
+    lengths = np.linalg.norm(np.diff(curve.evaluate(low + even * (high - low)), axis=0), axis=1)
+    if lengths.max() <= UNEVEN * lengths.min():
+        return even
+    share = (curve.project(points) - low) / (high - low)
+    share[[0, -1]] = 0.0, 1.0
+    return share if np.diff(share).min() > 0.0 else even
+
+
+def _even(curve: SplineCurve, count: int) -> np.ndarray:
     lines = bspline.breakpoints(curve.knots)
     spans = np.diff(lines)
     if count < len(spans):

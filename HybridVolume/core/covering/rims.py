@@ -71,8 +71,11 @@ def rims_of(
     places: Mapping[int, np.ndarray],
     wanted: np.ndarray,
     needed: np.ndarray,
-) -> Rims:
-    """Pieces of all sides on edges.
+) -> tuple[Rims, list[int]]:
+    """Pieces of all sides on edges, and edges that must be exact and cannot.
+
+    Around a strip of faces the weights at the ends of rational edges may multiply to another
+    number than 1; then one of them cannot keep its parameters.
 
     Parameters
     ----------
@@ -84,13 +87,13 @@ def rims_of(
         Shares of the curve's range at these corners, where they are known.
     wanted : (ne,) bool array
         Edges whose pieces should be exact,
-    needed : (ne,) bool array
-        and those whose pieces must be.
+    needed : (ne,) int array
+        and those whose pieces must be: the higher, the more so.
     """
     exact = np.zeros(len(cover.rim), dtype=bool)
     weight = np.ones(len(cover.points))
     pieces: dict[int, Piece] = {}
-    factors, at_ends = _factors(curves, chains, wanted, needed)
+    factors, at_ends, torn = _factors(curves, chains, wanted, needed)
     weight[list(at_ends)] = list(at_ends.values())
     table = cover.rim[:, 0] * len(cover.points) + cover.rim[:, 1]
     for edge, factor in factors.items():
@@ -105,7 +108,7 @@ def rims_of(
             rows.tolist(), found, (chain[:-1] > chain[1:]).tolist(), strict=True
         ):
             pieces[row] = piece.turned() if back else piece
-    return Rims(exact, pieces, weight)
+    return Rims(exact, pieces, weight), torn
 
 
 def parameters(curve: SplineCurve, points: np.ndarray, share: np.ndarray | None) -> np.ndarray:
@@ -126,8 +129,8 @@ def _factors(
     chains: Mapping[int, np.ndarray],
     wanted: np.ndarray,
     needed: np.ndarray,
-) -> tuple[dict[int, float], dict[int, float]]:
-    """Factor of the weights of each edge that is exact, and weights at its ends.
+) -> tuple[dict[int, float], dict[int, float], list[int]]:
+    """Factor of the weights of each edge that is exact, weights at its ends, and torn edges.
 
     A curve may be multiplied by one factor. Its weights at both ends must be those of the other
     curves there: a curve for which that cannot be is left out.
@@ -141,8 +144,8 @@ def _factors(
             level += more
         return corner, level
 
-    begins = {}
-    order = sorted(chains, key=lambda edge: (not needed[edge], edge))
+    begins, torn = {}, []
+    order = sorted(chains, key=lambda edge: (-needed[edge], edge))
     for edge in order:
         curve, chain = curves[edge], chains[edge]
         spans = len(bspline.breakpoints(curve.knots)) - 1
@@ -153,6 +156,8 @@ def _factors(
         if a != b:
             group[b] = (a, at_a + ratio - at_b)
         elif abs(at_a + ratio - at_b) > 1e-9:
+            if needed[edge]:
+                torn.append(edge)
             continue
         begins[edge] = int(chain[0])
     factors, weights = {}, {}
@@ -160,7 +165,7 @@ def _factors(
         for corner in (first, int(chains[edge][-1])):
             weights[corner] = float(np.exp(root(corner)[1]))
         factors[edge] = weights[first] / float(curves[edge].weights[0])
-    return factors, weights
+    return factors, weights, torn
 
 
 def _pieces(curve: SplineCurve, t: np.ndarray, factor: float) -> list[Piece]:
