@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...errors import FaultError
+from ...errors import FaultError, InputError
 from .outline import Outline
 
 FLAT = float(np.cos(np.radians(150.0)))
@@ -79,6 +79,8 @@ def check_cover(
     ------
     FaultError
         They do not; faces are named.
+    InputError
+        The body touches itself in a point of a face.
     """
     count = int(quads.max()) + 1
     one, other = quads.ravel(), np.roll(quads, -1, axis=1).ravel()
@@ -86,6 +88,7 @@ def check_cover(
     values, times = np.unique(keys, return_counts=True)
     bad = np.isin(keys, values[times > 1]) | ~np.isin(other * count + one, values)
     if bad.any():
+        _check_pinched(outline)
         raise _fault("the quads do not close the body", np.repeat(face, 4)[bad], bad.sum())
     used = np.unique(outline.edge)
     cut = np.bincount(rim_edge, minlength=len(intervals))
@@ -107,7 +110,24 @@ def check_cover(
     wanted = len(np.unique(outline.edges[used])) - len(used) + (2 - loops_of(outline)).sum()
     found = len(np.unique(quads)) - len(values) // 2 + len(quads)
     if found != wanted:
+        _check_pinched(outline)
         raise _fault(f"the quads' Euler number is {found}, the body's {wanted}", face[:0], found)
+
+
+def _check_pinched(outline: Outline) -> None:
+    """A face that comes to one vertex twice, or an edge of four faces, is where walls end."""
+    begin = np.where(outline.forward, *outline.edges[outline.edge].T)
+    values, times = np.unique(outline.face * len(outline.vertices) + begin, return_counts=True)
+    pinched = values[times > 1] // len(outline.vertices)
+    crowded = outline.face[np.bincount(outline.edge)[outline.edge] > 2]
+    faces = np.unique(np.concatenate([pinched, crowded]))
+    if len(faces):
+        raise InputError(
+            "the edges of these faces touch each other where the body has no thickness",
+            faces=[f"Face{k + 1}" for k in faces.tolist()],
+            figure=float(len(faces)),
+            remedy="move the holes or steps apart that touch, in the CAD program",
+        )
 
 
 def _fault(what: str, faces: np.ndarray, figure: float) -> FaultError:
