@@ -39,6 +39,8 @@ logger = logging.getLogger(__name__)
 
 ROUNDS = 9
 """So often more intervals are tried."""
+MOST_UNMESHED = 3
+"""So often a mesher may leave faces out."""
 FINER = 1.5
 """Quads that are folded or slivers become so many times smaller."""
 MANY_POINTS = 100
@@ -125,6 +127,7 @@ def cover_body(
     meshers = meshers or Meshers.available()
     failure: HybridVolumeError | None = None
     began, words, worst = time.monotonic(), "quads on all faces", []
+    unmeshed = 0
     for number in range(ROUNDS):
         past = time.monotonic() - began
         if failure is not None and past * (1.0 + 2.0 / number) > seconds:
@@ -149,6 +152,9 @@ def cover_body(
         except UnmeshedError as error:
             # too few intervals: as polygons, edges of a face may cross each other
             failure, words = error, f"{len(error.missing)} faces not meshed"
+            unmeshed += 1
+            if unmeshed == MOST_UNMESHED:
+                raise
             logger.info("round %d: %s", number + 1, error.line)
             edges = np.unique(outline.edge[np.isin(outline.face, error.missing)])
             fewest[edges] = np.maximum(fewest[edges], np.ceil(FINER * intervals[edges] + 0.1))
