@@ -205,6 +205,7 @@ def refused(answer):
     from HybridVolume.gui import red_places
 
     doc, body = new_plate()
+    FreeCADGui.activeDocument().activeView().viewIsometric()
     before = state(doc)
     open_panel(body)
     press("geometryToggle")

@@ -35,7 +35,7 @@ def test_a_drilled_plate_is_checked(tmp_path):
     checked = found["checked"]
     assert [row[0] for row in checked["rows"]] == [f"Face{k}" for k in range(1, 8)]
     # a cylinder between slanted ellipses is no piece between lines of its parameters
-    assert [row[1] for row in checked["rows"]] == ["exact"] * 6 + ["within tolerance"]
+    assert [row[1] for row in checked["rows"]] == ["exact"] * 6 + ["tolerance"]
     assert all(int(row[2]) >= 1 for row in checked["rows"])
     assert [float(row[3]) for row in checked["rows"][:6]] == [0.0] * 6
     assert 0.0 < float(checked["rows"][6][3]) <= 0.003
@@ -81,7 +81,7 @@ def test_a_refused_cover_is_shown_in_red(tmp_path):
     assert refused["red"] == ["Face1"] and refused["picked"] == ["Plate.Face1"]
     assert refused["stage"] == "Failed" and refused["rows"] == []
     assert found["with another"] == {
-        "kinds": ["exact", "within tolerance"],
+        "kinds": ["exact", "tolerance"],
         "red": False,
         "changed": [],
     }

@@ -178,6 +178,7 @@ class GeometryForm:
 
     def _cells(self, row: _Row) -> list[tuple]:
         words, colour = KINDS[row.kind]
+        words = words.removeprefix("within ")  # all columns are to be seen
         # of the others it is rounding
         off = row.deviation if row.kind == "tolerance" else 0.0
         return [
