@@ -156,8 +156,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     end_with_parent()
     end_with_input()
-    most = limit_memory(task.pop("memory", None))
     timer = end_after(seconds, lambda: refused(too_long(seconds, where[0])))
+    most = limit_memory(task.pop("memory", None))
     try:
         cover = _cover(folder, outline, curves, surfaces, task, 0.9 * seconds, progress)
     except MemoryError:

@@ -163,7 +163,7 @@ def _whole(engine: str, answer: Answer) -> Answer:
 def _reason(engine: str, code: int, complaint: Path, said: str) -> str:
     if complaint.is_file():
         text = " ".join(complaint.read_text(encoding="utf-8").split())
-        if text.startswith("MemoryError") or "bad_alloc" in text:
+        if "MemoryError" in text.split(":")[0] or "bad_alloc" in text:
             return f"{engine} needs more memory than it may have"
         return f"{engine} failed ({text[:200]})"
     if code < 0:
