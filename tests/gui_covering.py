@@ -160,7 +160,13 @@ def drilled(answer):
         "folders": job_folders(),
         "rows": rows(),
     }
+    beats = []
+    timer = QtCore.QTimer()
+    timer.timeout.connect(lambda: beats.append(time.monotonic()))
+    timer.start(20)
     check()
+    timer.stop()
+    answer["longest pause"] = max(b - a for a, b in zip(beats, beats[1:], strict=False))
     move_away()
     screenshot("2_checked")
     answer["checked"] = {
@@ -254,14 +260,8 @@ def wedge(answer):
     wait_for(panel)
     wait(300)
     child("layers", QtGui.QSpinBox).setValue(1)
-    beats = []
-    timer = QtCore.QTimer()
-    timer.timeout.connect(lambda: beats.append(time.monotonic()))
-    timer.start(20)
     press("run")
     wait_for(lambda: stage() == "Done", 300)
-    timer.stop()
-    answer["longest pause"] = max(b - a for a, b in zip(beats, beats[1:], strict=False))
     press("geometryToggle")
     wait(300)
     screenshot("2_done")

@@ -32,6 +32,7 @@ def test_a_drilled_plate_is_checked(tmp_path):
         "folders": [],
         "rows": [],
     }
+    assert found["longest pause"] < 1.0
     checked = found["checked"]
     assert [row[0] for row in checked["rows"]] == [f"Face{k}" for k in range(1, 8)]
     # a cylinder between slanted ellipses is no piece between lines of its parameters
@@ -92,7 +93,6 @@ def test_a_wedge_goes_all_the_way(tmp_path):
     names = [f"Face{k}" for k in range(1, 6)]
     assert set(found["sheets"]["between"]) <= set(names) and found["sheets"]["kept"] >= 1
     assert "sheets kept" in found["sheets"]["hint"]
-    assert found["longest pause"] < 1.5
     done = found["done"]
     assert [row[:2] for row in done["rows"]] == [[name, "exact"] for name in names]
     assert done["section"] == "Geometry" and done["status"] == "Up to date"
