@@ -224,6 +224,7 @@ def test_limits_end_the_process(limit, tmp_path, monkeypatch):
         assert running.returncode == 2
         told = InputError(**json.loads((tmp_path / ERROR).read_text()))
         assert "longer than 4 s" in told.message
+        assert told.faces == ("Face1", "Face2")
         assert told.remedy
     running.stdout.close()
     assert not (tmp_path / COVER).exists()

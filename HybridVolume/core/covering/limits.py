@@ -13,7 +13,7 @@ import threading
 from collections.abc import Callable
 
 from ...errors import InputError
-from .mesh_runs import kill_meshers
+from .mesh_runs import kill_meshers, last_faces
 
 logger = logging.getLogger(__name__)
 
@@ -102,9 +102,10 @@ def end_with_input() -> None:
 
 
 def too_long(seconds: float, where: str) -> InputError:
-    """What a body is told that takes too long."""
+    """What a body is told that takes too long, with the faces that a mesher had last."""
     return InputError(
         f"covering the faces took longer than {seconds:.0f} s ({where})",
+        faces=[f"Face{face + 1}" for face in last_faces()],
         figure=seconds,
         remedy="merge narrow faces and remove small ones in the CAD program, or allow a larger"
         " deviation",

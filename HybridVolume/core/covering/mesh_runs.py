@@ -28,12 +28,18 @@ RESTARTS = 10
 """So often a mesher goes on behind a face that it cannot end."""
 
 _running: set[subprocess.Popen] = set()
+_asked: list[tuple[int, ...]] = []
 
 
 def kill_meshers() -> None:
     """End all meshers that run for this process."""
     for process in tuple(_running):
         process.kill()
+
+
+def last_faces() -> tuple[int, ...]:
+    """Faces that a mesher was asked for last."""
+    return _asked[-1] if _asked else ()
 
 
 def run_mesher(engine: str, request: Request, seconds: float) -> Answer:
@@ -52,6 +58,7 @@ def run_mesher(engine: str, request: Request, seconds: float) -> Answer:
         It gives nothing: it crashes, does not end, has too little memory, complains, or its answer
         is damaged. A mesher that works face by face leaves out faces where it does so.
     """
+    _asked[:] = [tuple(request.faces.tolist())]
     ends = time.monotonic() + seconds
     left = request.faces
     answers: list[Answer] = []
