@@ -225,7 +225,8 @@ def cover_body(
                 kinds = kinds_of(outline, found, geometry, deviation, moved)
                 deviation = np.maximum(deviation, moved)
                 return Cover(joined.faces, joined.origin, deviation, len(cover.quads), kinds)
-        if len(worst) > 3 and tolerance < 0.8 * worst[-3] < worst[-1]:
+        # a finer mesh may be worse somewhere else: three in a row may not
+        if len(worst) > 5 and min(worst[-3:]) > max(tolerance, 0.9 * min(worst[:-3])):
             raise _stopped(failure, "and finer quads come no nearer")
         bad = np.unique(cover.face[factor > 1.0])
         words = f"{len(cover.quads)} quads, smaller ones on {len(bad)} faces"
