@@ -38,6 +38,9 @@ REPAIRS = 4
 """Most local repairs in a row."""
 MANY = 0.1
 """Share of folded elements from which on all columns are untangled together."""
+PATCHED = 0.75
+"""Share of the others' faults from which on a start counts that has thin columns put in around its
+own: they may stay flat."""
 UNTANGLINGS = 9
 """Most local repairs of a start for which there is no sound one to fall back to."""
 PATIENCE = 3
@@ -217,13 +220,20 @@ class _Grower(ColumnSpace):
         if not start.accepted:
             thin, _ = self.thin_start()
             starts = [self.blended(thin, start)] if thin else []
+            before = self.failures.copy()
             # where much of the front is folded, little is left of it on the way back
             if not starts or len(start.bad) > MANY * self.surface.element_count:
                 starts += self.untangled(start, goal, thin)
             sound = [state for state in starts if state.accepted]
             if not sound:
                 return None
-            start = min(sound, key=lambda state: self.fault(state, goal))
+            faults = [self.fault(state, goal) for state in sound]
+            if len(starts) > 2 and starts[-1].accepted:
+                faults[-1] /= PATCHED
+            start = sound[int(np.argmin(faults))]
+            if start is not starts[-1]:
+                # what failed on the way to the last one says nothing about the others
+                self.failures = before
             self.report(0.4, f"start, w = {start.mean:.3g}")
         return self.stages(start, goal)
 
@@ -232,18 +242,18 @@ class _Grower(ColumnSpace):
     ) -> list[ColumnState]:
         """Optimise folded columns together and mend what is still wrong, in two ways.
 
-        With sound columns, ``thin``, as in any stage; without them locally, ever wider, and thinner
-        (which around a few faults in coarse nets may become thin everywhere).
+        Locally, ever wider, and thinner (which around a few faults in coarse nets may become thin
+        everywhere); with sound columns, ``thin``, as in any stage.
         """
         fidelity = 0.1 * FIDELITIES[0]
         if len(state.bad) > MANY * self.surface.element_count:
             energy = self.energy(state.d, goal, fidelity)
             state = self.check(optimise(energy, self.reach))
-        found = []
+        found = [self.locally_untangled(state, goal, fidelity)]
         if thin is not None and not state.accepted:
             mended, _ = self.repaired(thin, state, goal, fidelity, None)
-            found = [mended if mended.accepted else self.blended(thin, state)]
-        return [*found, self.locally_untangled(state, goal, fidelity)]
+            found.append(mended if mended.accepted else self.blended(thin, state))
+        return found
 
     def locally_untangled(
         self, state: ColumnState, goal: np.ndarray, fidelity: float
