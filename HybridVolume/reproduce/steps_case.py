@@ -38,7 +38,7 @@ logger = logging.getLogger(__name__)
 MADE, REFUSED, STOPPED, FAILED = "made", "refused", "stopped", "failed"
 """What became of a file: 0, 2, the time limit, anything else."""
 PROJECT = Path(__file__).resolve().parents[2]
-NODE_SECONDS = 60.0
+NODE_SECONDS = 150.0
 """Seconds of the processor for looking for nodes on the faces of one body."""
 DISTANCES = 400
 """Nodes of the boundary of a body whose distance from it OCC measures."""
