@@ -32,7 +32,6 @@ import HybridVolume
 from HybridVolume.core.element_jacobians import scaled_jacobian
 from HybridVolume.core.pipeline import METHODS, Options
 from HybridVolume.objects import document, fem_mesh
-from HybridVolume.objects.fingerprint import fingerprint
 from HybridVolume.objects.midstructure import chosen
 from HybridVolume.objects.thickness import (
     DEFAULTS,
@@ -46,6 +45,7 @@ from HybridVolume.objects.thickness import (
     thickness_parameters,
 )
 from HybridVolume.objects.volume import CHILDREN, current_parameters, options_of
+from HybridVolume.sources.fingerprint import fingerprint
 
 
 @pytest.fixture

@@ -17,9 +17,8 @@ from scipy.spatial import cKDTree
 
 from HybridVolume.errors import InputError
 from HybridVolume.sources import global_shape
+from HybridVolume.sources.fingerprint import fingerprint
 from HybridVolume.sources.step import read_any_shape
-
-from .fingerprint import fingerprint
 
 DEFLECTION = 2e-3
 """Farthest that a facet or line may stand off its curve or surface, as a share of the diagonal."""

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from HybridVolume.errors import InputError
 from HybridVolume.sources import global_shape
+from HybridVolume.sources.fingerprint import fingerprint
 
 from . import density, face_geometry, midstructure, spans, thickness
-from .fingerprint import fingerprint
 from .midstructure import UP_TO_DATE
 from .properties import DocumentObject, Property, transaction
 

@@ -36,6 +36,7 @@ from .covered import Covered, allowed_deviation
 from .distances import surface_distances
 from .exact_geometry import curves_of, surfaces_of
 from .faces import evaluate_face, random_parameters
+from .fingerprint import fingerprint
 from .imprint import imprint_seams
 from .inner_walls import United, without_inner_walls
 from .outlines import outline_of
@@ -422,8 +423,6 @@ def is_known(solid: Any, tolerance: float | None = None, *, free_only: bool = Fa
 
 def _key(solid: Any, tolerance: float, free_only: bool) -> tuple:
     """What a cover depends on."""
-    from ..objects.fingerprint import fingerprint
-
     # where the edges end is not in the fingerprint, and covers follow them
     corners = np.array([tuple(vertex.Point) for vertex in solid.Vertexes])
     digest = hashlib.sha256(corners.tobytes()).hexdigest()
