@@ -44,8 +44,8 @@ processes of the run.
 
 """
 
-REFUSED_WORDS = """A refusal ends with code 2 and leaves no file but a picture of the places, if it has
-some.
+REFUSED_WORDS = """A refusal ends with code 2 and leaves no file but a picture of the places, if it
+has some.
 
 """
 
