@@ -17,9 +17,10 @@ from ..surface import SplineFace
 from .edge_points import EdgePoints
 from .face_checks import grid_quads, worst_corners
 from .face_grids import regular_grid
+from .flat_corners import opened_corners
 from .geometry import project
 from .mesher import Answer
-from .outline import Outline
+from .outline import CORNER, Outline
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,7 @@ def faces_of_answer(
         elements = answer.elements[answer.face == face]
         named = np.where(elements >= 0, corner[elements], -1)
         coarse = _coedges(outline, rims, face, 2)
+        named = opened_corners(named, coarse[:, :2], _smooth(outline, rims, face), everywhere)
         cut = _cut(named, coarse, base + len(answer.points))
         if cut is None:
             continue
@@ -132,6 +134,17 @@ def _coedges(outline: Outline, rims: EdgePoints, face: int, step: int) -> np.nda
         along = rims.along(edge)[:: 1 if forward else -1]
         rows.append(np.column_stack([along[:-step:step], along[step::step], along[1::step]]))
     return np.concatenate(rows)
+
+
+def _smooth(outline: Outline, rims: EdgePoints, face: int) -> np.ndarray:
+    """Points of the rim of a face at which it goes on smoothly."""
+    found, sharp = [], []
+    for k in np.flatnonzero(outline.face == face).tolist():
+        along = rims.along(int(outline.edge[k]))
+        found.append(along)
+        if abs(outline.corner[k]) > CORNER:
+            sharp.append(along[-1 if outline.forward[k] else 0])
+    return np.setdiff1d(np.concatenate(found), sharp)
 
 
 def _cut(
