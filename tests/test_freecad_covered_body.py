@@ -107,6 +107,16 @@ def test_distances_are_those_of_occ(face):
         assert distance == pytest.approx(Part.Vertex(*point).distToShape(face)[0], abs=1e-7)
 
 
+def test_distances_beside_a_seam():
+    line = Part.BSplineCurve()
+    line.interpolate([FreeCAD.Vector(r, 0.0, z) for r, z in ((9, 0), (5, 8), (8, 15), (7, 25))])
+    face = line.toShape().revolve(FreeCAD.Vector(), FreeCAD.Vector(0.0, 0.0, 1.0), 360.0).Faces[0]
+    u0, u1, v0, v1 = face.ParameterRange
+    u = u0 + (u1 - u0) * np.array([0.0, 1e-3, 0.02, 0.1, 0.9, 0.98, 0.999])
+    points = [tuple(face.valueAt(s, t)) for s in u for t in np.linspace(v0, v1, 60)]
+    assert surface_distances(face, np.array(points)).max() < 1e-12
+
+
 def test_faces_within_a_tolerance_are_found_on_a_copy(covered):
     body, surface = covered
     arrays, places = outside(body, surface)
