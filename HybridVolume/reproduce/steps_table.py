@@ -60,12 +60,13 @@ def as_markdown(found: Mapping[str, Any]) -> str:
     )
     if found["other_programs"]:
         head += f"\nMade by another version of the program: {', '.join(found['other_programs'])}.\n"
-    parts = [INTRODUCTION, head]
+    parts, cases = [INTRODUCTION, head], [*found["scripted"], *found["files"]]
     for heading, text in (
         ("What is demanded, and what is reached", _demand_table(found["demands"])),
+        ("Bodies", BODY_WORDS if _bodies(cases) else ""),
         ("Bodies by script", _bodies(found["scripted"])),
         ("Bodies of files", _bodies(found["files"])),
-        ("Refused", _refused([*found["scripted"], *found["files"]])),
+        ("Refused", _refused(cases)),
     ):
         if text:
             parts.append(f"## {heading}\n\n{text}")
@@ -231,7 +232,7 @@ def _bodies(cases: Sequence[Case]) -> str:
         "w0", "scaled Jacobian", "tets", "nodes", "of the mesh", "found", "s",
     )  # fmt: skip
     rows = [_row(name, case, body) for case in cases for name, body in _named(case)]
-    return BODY_WORDS + table(head, rows) if rows else ""
+    return table(head, rows) if rows else ""
 
 
 def _row(name: str, case: Case, body: Mapping[str, Any]) -> tuple[str, ...]:
