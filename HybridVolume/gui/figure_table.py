@@ -10,8 +10,6 @@ from typing import Any
 
 from PySide import QtCore, QtGui
 
-_KEY = QtCore.Qt.UserRole
-
 
 class _Cell(QtGui.QTableWidgetItem):
     """A cell that is sorted by its figure, or by the number in its name."""

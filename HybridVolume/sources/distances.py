@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""How far many points are beside the surface of a CAD face, without asking OCC for each."""
+"""How far many points are beside the surface of a CAD face; OCC is asked for doubtful ones only."""
 
 from __future__ import annotations
 
