@@ -127,6 +127,7 @@ def test_a_wider_fold_is_seen_by_samples_too():
 def test_a_knife_edge_is_refused_where_it_is():
     error = refused(bodies.wedge(0.2))
     assert "no direction is inward" in error.message
+    assert "meet at an angle of 0.2 degrees" in error.message
     assert error.figure == pytest.approx(np.sin(np.radians(0.1)), rel=0.2)
     for place in error.places:
         assert place.point[0] == pytest.approx(0.0, abs=1e-12)  # the edge of the wedge

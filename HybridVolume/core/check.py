@@ -160,6 +160,7 @@ class _Findings:
         self.places: list[tuple[float, errors.Place]] = []
         self.spans: set[int] = set()
         self.meeting = np.inf
+        self.sharpest = ""
         self.only_lines = True
 
     def add(
@@ -194,7 +195,7 @@ class _Findings:
             x, y, z = kept[0].point
             what = (
                 f"no direction is inward for all faces that meet (at ({x:.4g}, {y:.4g}, {z:.4g}) mm"
-                f" the best n . d is {self.meeting:.2g}; {told})"
+                f" {self.sharpest}the best n . d is {self.meeting:.2g}; {told})"
             )
             figure, remedy = self.meeting, "open the corner or split the body there"
         return errors.SingularSurfaceError(
@@ -334,12 +335,18 @@ def _check_meeting(found: _Findings, flags: np.ndarray) -> None:
     place, count = place_numbers(surface, POINTS)
     place = place.ravel()
     used, number = np.unique(place[counts], return_inverse=True)
+    number = number.reshape(-1)
     unit = normals[counts] / size.ravel()[counts, None]
-    _, margin = common_margin(unit, number.reshape(-1), len(used))
+    _, margin = common_margin(unit, number, len(used))
     stuck = np.flatnonzero(margin <= MARGIN)
     if not len(stuck):
         return
-    found.meeting = min(found.meeting, float(margin[stuck].min()))
+    worst = stuck[int(margin[stuck].argmin())]
+    if margin[worst] < found.meeting:
+        found.meeting = float(margin[worst])
+        own = np.flatnonzero(number == worst)
+        patches = surface.element_patch[np.flatnonzero(counts)[own] // POINTS**2]
+        found.sharpest = _angle_of_two(unit[own], patches, found.meeting, surface)
     value = np.full(count, np.inf)
     value[used[stuck]] = margin[stuck]
     rows = np.flatnonzero(np.isfinite(value[place]))
@@ -351,6 +358,23 @@ def _check_meeting(found: _Findings, flags: np.ndarray) -> None:
     for k in np.unique(patch[element]):
         mine = patch[element] == k
         found.add(int(k), uv[mine], what, value[place[rows[mine]]])
+
+
+def _angle_of_two(
+    unit: np.ndarray, patches: np.ndarray, margin: float, surface: PatchSurface
+) -> str:
+    """The angle between two faces where it leaves no room; nothing where it takes more faces.
+
+    Two planes that meet at an angle leave a direction with n . d = sin(angle / 2), inside as
+    well as outside of the material.
+    """
+    a, b = np.unravel_index(int((unit @ unit.T).argmin()), (len(unit), len(unit)))
+    half = 0.5 * float(np.linalg.norm(unit[a] + unit[b]))
+    if abs(half - margin) > 1e-3 * MARGIN:
+        return ""
+    names = _names(surface.patches[patches[k]].face for k in (a, b))
+    who = " and ".join(names) + (" meet" if len(names) > 1 else " meets itself")
+    return f"{who} at an angle of {np.degrees(2.0 * np.arcsin(half)):.2g} degrees, "
 
 
 def _spans(surface: PatchSurface) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
