@@ -220,7 +220,7 @@ class GeometryForm:
         closed = not form.geometryToggle.isChecked()
         form.geometryToggle.setText(f"Geometry: {self.summary}" if closed else "Geometry")
         form.coverAutomatic.setText(
-            "" if self._tolerance.value else f"automatic: {self._automatic:.2g} mm"
+            "" if self._tolerance.value else f"0: automatic, {self._automatic:.2g} mm"
         )
         form.geometryHint.setText(self._sentence or HINT)
         for widget in (form.geometryTable, form.geometryColours):

@@ -7,10 +7,13 @@ from __future__ import annotations
 from typing import Any
 
 import FreeCADGui
-from PySide import QtGui
+from PySide import QtCore, QtGui
 
 from .dock import WideDock
 from .forms import load_form, load_icon
+
+TITLE = 0.75
+"""Largest width of a title, as a share of the dock's."""
 
 
 class Panel:
@@ -81,3 +84,36 @@ class Panel:
 
     def _put_back(self) -> None:
         """Take back what the panel did to the window; called once."""
+
+
+def elided(text: str, form: Any) -> str:
+    """Return a text that is no wider than a title in a panel may be, cut at its end.
+
+    Parameters
+    ----------
+    text : str
+    form : QWidget
+        Of the panel: its letters count.
+    """
+    metrics = QtGui.QFontMetrics(form.font())
+    return metrics.elidedText(text, QtCore.Qt.ElideRight, round(TITLE * Panel.WIDTH))
+
+
+def show_in_panel(widget: Any) -> None:
+    """Scroll a panel until a widget is seen, once what was shown or hidden has its place.
+
+    Parameters
+    ----------
+    widget : QWidget
+        Somewhere in a panel.
+    """
+
+    def scroll() -> None:
+        above = widget.parentWidget()
+        while above is not None and not isinstance(above, QtGui.QScrollArea):
+            above = above.parentWidget()
+        if above is not None:
+            above.ensureWidgetVisible(widget, 0, 0)
+
+    # FreeCAD's layouts take their sizes when the events so far have been seen to
+    QtCore.QTimer.singleShot(0, lambda: QtCore.QTimer.singleShot(0, scroll))

@@ -26,6 +26,7 @@ from . import messages, preferences, red_places
 from .density_form import DensityForm
 from .face_table import FACTORS, FaceTable, Widgets, face_names
 from .geometry_form import GeometryForm, body_geometry, volume_geometry
+from .panel import elided, show_in_panel
 from .run_panel import RunPanel
 from .runner import Callbacks
 from .spans_form import SpansForm
@@ -203,7 +204,9 @@ class TaskPanel(RunPanel):
     def _fill_form(self, size: float) -> None:
         form = self.form
         chosen = preferences.load()
-        form.thicknessBox.setTitle(f"Shell thickness of {self._source.Label}")
+        # labels of imported files are long: a panel wider than its dock is cut off
+        form.thicknessBox.setTitle(elided(f"Shell thickness of {self._source.Label}", form))
+        form.thicknessBox.setToolTip(self._source.Label)
         methods = METHODS if self._volume else [name for name in METHODS if name != "own"]
         form.method.addItems([method.replace("-", " ") for method in methods])
         values = self._editor.parameters()
@@ -359,6 +362,8 @@ class TaskPanel(RunPanel):
         for _, body in self._bodies:
             self._write(f"{body.name}: {body.origin['geometry']['sentence']}")
         self._geometry.show_geometry([body_geometry(self._source, *one) for one in self._bodies])
+        # the table moved what tells of the run, and Cancel
+        show_in_panel(self.form.log)
 
     def _make_no_jobs(self) -> Sequence[Job]:
         """Read the body only."""
