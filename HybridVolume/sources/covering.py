@@ -2,8 +2,8 @@
 # SPDX-FileCopyrightText: The HybridVolume authors
 """Solids of any faces covered with four-sided patches, within a tolerance.
 
-Whole spheres are taken out and seams cut away here, in FreeCAD; the rest is covered in the worker's
-Python, in a process of its own that limits its time and memory.
+Whole spheres and rings are taken out and seams cut away here, in FreeCAD; the rest is covered in
+the worker's Python, in a process of its own that limits its time and memory.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ from ..core.covering.limits import ended, too_long
 from ..core.surface import SplineFace
 from ..protocol import Progress, parse_line
 from ..worker_process import WorkerProcess, tail, worker_python
+from .agreement import largest_distance
 from .covered import Covered, allowed_deviation
-from .distances import surface_distances
 from .exact_geometry import curves_of, surfaces_of
 from .faces import evaluate_face, random_parameters
 from .fingerprint import fingerprint
 from .imprint import imprint_seams
 from .inner_walls import United, without_inner_walls
 from .outlines import outline_of
-from .spheres import Parted, without_spheres
+from .spheres import Parted, without_whole_faces
 from .untrimmed import take_faces
 
 logger = logging.getLogger(__name__)
@@ -217,7 +217,7 @@ class Covering:
         return self._result
 
     def _prepare(self) -> Any:
-        """Leave out walls inside and whole spheres, cut the seams.
+        """Leave out walls inside, whole spheres and rings, cut the seams.
 
         Returns
         -------
@@ -231,7 +231,7 @@ class Covering:
             named.
         """
         self._united = without_inner_walls(self.solid)
-        self._parted = without_spheres(self._united.solid)
+        self._parted = without_whole_faces(self._united.solid)
         self._given = self._united.numbers[self._parted.numbers]
         if self._parted.rest is None:
             self._end(self._joined((), np.zeros(0, dtype=int), (), np.zeros(0), 0))
@@ -361,7 +361,7 @@ class Covering:
         Parameters
         ----------
         faces : sequence of SplineFace
-            On the pieces of its faces, whole spheres not among them.
+            On the pieces of its faces, whole spheres and rings not among them.
         piece : (n,) int array
             Which piece each is on.
         kinds : sequence of str
@@ -369,16 +369,16 @@ class Covering:
             Of the pieces.
         quads : int
         """
-        spheres, whole = self._parted, self._united.numbers[self._parted.origin]
-        given = np.concatenate([self._given, np.unique(whole)])
+        closed, whole = self._parted, self._united.numbers[self._parted.origin]
+        given = np.concatenate([self._given, whole])
         origin = np.concatenate([self._given[piece], whole])
         count = len(self.solid.Faces)
         worst = np.zeros(count)
         np.maximum.at(worst, self._given, deviation)
-        for patch, number in zip(spheres.patches, whole.tolist(), strict=True):
+        for patch, number in zip(closed.patches, whole.tolist(), strict=True):
             points = evaluate_face(patch, *random_parameters(number))
-            off = surface_distances(self.solid.Faces[number], points)
-            worst[number] = max(worst[number], float(off.max()))
+            off = largest_distance(self.solid.Faces[number], points, 1e-5 * self.tolerance)
+            worst[number] = max(worst[number], off)
         inside = self._united.inside
         bare = np.setdiff1d(np.arange(count), np.concatenate([origin, np.array(inside, int)]))
         if len(bare) or not np.all(np.isfinite(worst)) or worst.max() > self.tolerance:
@@ -389,12 +389,11 @@ class Covering:
             )
         named = [
             replace(face, name=f"Face{number + 1}")
-            for face, number in zip([*faces, *spheres.patches], origin.tolist(), strict=True)
+            for face, number in zip([*faces, *closed.patches], origin.tolist(), strict=True)
         ]
         # of walls inside the material nothing is changed, as nothing is left
         given = np.concatenate([given, np.array(inside, dtype=int)])
-        exact = len(given) - len(self._given) - len(inside)
-        of_pieces = [*kinds, *(exact * [EXACT]), *(len(inside) * [BIT])]
+        of_pieces = [*kinds, *closed.kinds, *(len(inside) * [BIT])]
         return Covered(
             tuple(named),
             origin,

@@ -18,6 +18,7 @@ import numpy as np
 from .. import errors
 from .faces import seam_edges
 from .poles import pole_cuts
+from .spheres import whole_turn
 
 logger = logging.getLogger(__name__)
 
@@ -29,6 +30,9 @@ TOLERANCE = 1e-4
 
 VOLUME_TOLERANCE = 1e-4
 """Largest change of the volume by cutting, as a share of it; OCC's integration counts too."""
+
+_DEFLECTIONS = (1e-3, 1e-4, 3e-5)
+"""Of triangles by which volumes are compared, as shares of the diagonal."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +73,7 @@ def seam_cuts(face: Any) -> list:
     cuts = []
     for across, closed in enumerate((surface.isUClosed(), surface.isVClosed())):
         low, high = limits[2 * across : 2 * across + 2]
-        span = _whole_turn(surface, across)
+        span = whole_turn(surface, across)
         # a face may cover a part of the closed direction only
         if not closed or high - low < (1.0 - 1e-6) * span:
             continue
@@ -80,14 +84,6 @@ def seam_cuts(face: Any) -> list:
             # a trimmed face does not reach everywhere, and its neighbours must not be scratched
             cuts += line.common(face).Edges
     return cuts
-
-
-def _whole_turn(surface: Any, across: int) -> float:
-    """Length of the range of a surface's closed direction."""
-    if (surface.isVPeriodic if across else surface.isUPeriodic)():
-        return surface.VPeriod() if across else surface.UPeriod()
-    bounds = surface.bounds()
-    return bounds[2 * across + 1] - bounds[2 * across]
 
 
 def imprint_seams(solid: Any, tolerance: float | None = None) -> Imprinted:
@@ -136,18 +132,22 @@ def imprint_seams(solid: Any, tolerance: float | None = None) -> Imprinted:
     if not cut.isClosed() or not cut.isValid():
         raise _failed("the solid is not closed and valid any more after cutting", seamed)
     change = abs(cut.Volume / solid.Volume - 1.0)
-    if change > VOLUME_TOLERANCE:
-        # OCC integrates over trimmed faces with few points: triangles tell what really changed
-        change = abs(_triangulated_volume(cut) / _triangulated_volume(solid) - 1.0)
+    for deflection in _DEFLECTIONS:
+        if change <= VOLUME_TOLERANCE:
+            break
+        # OCC integrates over trimmed faces with few points: triangles tell what really changed,
+        # once they are so fine that it does not matter where their corners are
+        one, other = (_triangulated_volume(body, deflection) for body in (cut, solid))
+        change = abs(one / other - 1.0)
     if not change <= VOLUME_TOLERANCE:
         raise _failed(f"cutting changes the volume by {change:.1e}", seamed, change)
     logger.info("%d closed faces cut: %d faces", len(seamed), len(cut.Faces))
     return Imprinted(cut, _origins(cut, solid))
 
 
-def _triangulated_volume(solid: Any) -> float:
-    """Volume between triangles, mm³; those of a cut solid deviate alike."""
-    points, triangles = solid.copy().tessellate(1e-3 * solid.BoundBox.DiagonalLength)
+def _triangulated_volume(solid: Any, deflection: float) -> float:
+    """Volume between triangles, mm³, with a deflection that is a share of the diagonal."""
+    points, triangles = solid.copy().tessellate(deflection * solid.BoundBox.DiagonalLength)
     corners = np.array([tuple(point) for point in points])
     corners = (corners - corners.mean(axis=0))[np.array(triangles)]
     return float(np.linalg.det(corners).sum()) / 6.0

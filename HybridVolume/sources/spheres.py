@@ -1,16 +1,22 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""Closed shells of a solid that are one sphere each: balls, and cavities like balls."""
+"""Closed shells of a solid that are one face each: spheres, and surfaces closed in both directions.
+
+Balls and cavities like balls become six patches; rings whose one face meets itself along two seams
+are cut at quarters of both directions, B-spline faces by knot insertion.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from ..core.covering.kinds import BIT, EXACT
 from ..core.covering.spheres import sphere_faces
 from ..core.surface import SplineFace
+from .faces import ISO_TOLERANCE, seam_edges, spline_face
 
 _WHOLE = 1e-9
 """A face is a whole sphere if it lacks less of the sphere's area, as a share of it."""
@@ -18,14 +24,16 @@ _WHOLE = 1e-9
 
 @dataclass(frozen=True)
 class Parted:
-    """A solid without its whole spheres.
+    """A solid without its shells that are one face each.
 
     Attributes
     ----------
     patches : tuple of SplineFace
-        Of the spheres, named after their faces.
+        Of these shells, named after their faces.
     origin : (n,) int array
         Faces of the solid that they are of, from 0.
+    kinds : tuple of str
+        Whether each patch is the face bit for bit, see :mod:`..core.covering.kinds`.
     rest : Part.Solid or None
         What is left; None where nothing is.
     numbers : (m,) int array
@@ -34,12 +42,13 @@ class Parted:
 
     patches: tuple[SplineFace, ...]
     origin: np.ndarray
+    kinds: tuple[str, ...]
     rest: Any
     numbers: np.ndarray
 
 
-def without_spheres(solid: Any) -> Parted:
-    """Take the shells that are whole spheres out of a solid.
+def without_whole_faces(solid: Any) -> Parted:
+    """Take the shells that are one closed face each out of a solid.
 
     Parameters
     ----------
@@ -48,40 +57,45 @@ def without_spheres(solid: Any) -> Parted:
     Returns
     -------
     Parted
-        Without spheres, and with the solid itself as the rest, also where the shells that are
+        Without such shells, and with the solid itself as the rest, also where the shells that are
         left would be several cavities without a body around them.
     """
     import Part
 
     faces = solid.Faces
-    everything = Parted((), np.zeros(0, dtype=int), solid, np.arange(len(faces)))
     shells = solid.Shells
-    whole = [len(shell.Faces) == 1 and is_whole_sphere(shell.Faces[0]) for shell in shells]
-    others = [shell for shell, taken in zip(shells, whole, strict=True) if not taken]
-    if not any(whole):
-        return everything
+    whole, others = [], []
+    for shell in shells:
+        own = shell.Faces
+        number = _number(own[0], faces)
+        found = _whole_patches(own[0], f"Face{number + 1}") if len(own) == 1 else ()
+        if found:
+            whole.append((number, found, _is_spline(own[0].Surface)))
+        else:
+            others.append(shell)
     outer = solid.OuterShell
-    if len(others) > 1 and not any(shell.isSame(outer) for shell in others):
-        return everything
-    patches: list[SplineFace] = []
-    origin: list[int] = []
-    for shell, taken in zip(shells, whole, strict=True):
-        if taken:
-            number = _number(shell.Faces[0], faces)
-            surface = shell.Faces[0].Surface
-            found = sphere_faces(
-                np.array(tuple(surface.Center)), surface.Radius, f"Face{number + 1}"
-            )
-            patches += found
-            origin += [number] * len(found)
+    if not whole or (len(others) > 1 and not any(shell.isSame(outer) for shell in others)):
+        return Parted((), np.zeros(0, dtype=int), (), solid, np.arange(len(faces)))
+    whole.sort(key=lambda row: row[0])
+    patches = tuple(patch for _, found, _ in whole for patch in found)
+    origin = np.repeat([row[0] for row in whole], [len(row[1]) for row in whole])
+    kinds = tuple(BIT if own else EXACT for _, found, own in whole for _ in found)
     if not others:
-        return Parted(tuple(patches), np.array(origin), None, np.zeros(0, dtype=int))
+        return Parted(patches, origin, kinds, None, np.zeros(0, dtype=int))
     rest = Part.Solid(others[0] if len(others) == 1 else Part.makeCompound(others))
     if rest.Volume < 0.0:
         # a cavity's faces look into it
         rest.reverse()
     numbers = np.array([_number(face, faces) for face in rest.Faces])
-    return Parted(tuple(patches), np.array(origin), rest, numbers)
+    return Parted(patches, origin, kinds, rest, numbers)
+
+
+def _whole_patches(face: Any, name: str) -> tuple[SplineFace, ...]:
+    """Patches of a face without any border; none of another face."""
+    if is_whole_sphere(face):
+        surface = face.Surface
+        return sphere_faces(np.array(tuple(surface.Center)), surface.Radius, name)
+    return _ring_patches(face, name) if _is_whole_ring(face) else ()
 
 
 def is_whole_sphere(face: Any) -> bool:
@@ -93,6 +107,52 @@ def is_whole_sphere(face: Any) -> bool:
     if len({edge.hashCode() for edge in edges}) != 1:
         return False
     return abs(face.Area / (4.0 * np.pi * face.Surface.Radius**2) - 1.0) < _WHOLE
+
+
+def _is_whole_ring(face: Any) -> bool:
+    """Whether a face is all of a surface that is closed in both directions."""
+    surface = face.Surface
+    if len(face.Wires) != 1 or not (surface.isUClosed() and surface.isVClosed()):
+        return False
+    edges = {edge.hashCode() for edge in face.Edges}
+    # nothing but its own two seams bounds it
+    if any(edge.Degenerated for edge in face.Edges) or len(edges) != 2:
+        return False
+    low, high = np.reshape(face.ParameterRange, (2, 2)).T
+    turns = np.array([whole_turn(surface, across) for across in (0, 1)])
+    return len(seam_edges(face)) == 2 and bool(np.all(high - low >= (1.0 - ISO_TOLERANCE) * turns))
+
+
+def _ring_patches(face: Any, name: str) -> tuple[SplineFace, ...]:
+    """Such a face cut at quarters of both directions; nothing where OCC does not cut it."""
+    surface, rectangle = face.Surface, face.ParameterRange
+    own = _is_spline(surface)
+    if not own:
+        converted = face.toNurbs().Faces
+        if len(converted) != 1:
+            return ()
+        surface, rectangle = converted[0].Surface, converted[0].ParameterRange
+    u, v = (np.linspace(*rectangle[2 * k : 2 * k + 2], 5).tolist() for k in (0, 1))
+    found = []
+    for i in range(4):
+        for j in range(4):
+            patch = spline_face(surface, name, (u[i], u[i + 1], v[j], v[j + 1]))
+            if patch is None:
+                return ()
+            found.append(replace(patch, exact=not own))
+    return tuple(found)
+
+
+def whole_turn(surface: Any, across: int) -> float:
+    """Length of the range of a surface's closed direction."""
+    if (surface.isVPeriodic if across else surface.isUPeriodic)():
+        return surface.VPeriod() if across else surface.UPeriod()
+    bounds = surface.bounds()
+    return bounds[2 * across + 1] - bounds[2 * across]
+
+
+def _is_spline(surface: Any) -> bool:
+    return surface.TypeId in ("Part::GeomBSplineSurface", "Part::GeomBezierSurface")
 
 
 def _number(face: Any, faces: list) -> int:
