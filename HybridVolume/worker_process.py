@@ -23,6 +23,8 @@ from HybridVolume.errors import SetupError, WorkerError
 PREFERENCES = "User parameter:BaseApp/Preferences/Mod/HybridVolume"
 GRACE = 2.0
 """Seconds between asking a worker to end and killing it."""
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""Variables that tell libraries for matrices how many threads to use."""
 
 
 def worker_python(preference: str | None = None) -> str:
@@ -193,6 +195,9 @@ def worker_variables(folder: Path, free_only: bool = False) -> dict[str, str]:
             variables.pop(name, None)
     variables["PYTHONPATH"] = str(Path(__file__).resolve().parent.parent)
     variables["PYTHONIOENCODING"] = "utf-8"
+    # Our matrices are many and small: more threads than one wait for each other (four times the
+    # processor's time on two cores), and the last bits would depend on how many there are.
+    variables.update(dict.fromkeys(THREADS, "1"))
     if free_only:
         variables["HYBRIDVOLUME_FREE_ONLY"] = "1"
     # What a killed mesher leaves in its temporary folder goes away with the job's.
