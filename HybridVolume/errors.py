@@ -174,6 +174,12 @@ class SelfIntersectionError(InputError):
     code = "self-intersection"
 
 
+class LimitError(InputError):
+    """A limit of time or memory ended the work on a body: another try may go farther."""
+
+    code = "limit"
+
+
 class ThicknessError(HybridVolumeError):
     """No valid shell at any thickness was found."""
 

@@ -158,7 +158,10 @@ def read_step(
 
 
 def _reading(cover: bool, tolerance: float | None, progress: Any, python: str | None) -> dict:
-    """Keywords of reading; progress is told without the body's name."""
+    """Keywords of a new reading; progress is told without the body's name."""
+    from HybridVolume.sources.covering import forget_limits
+
+    forget_limits()
     told = None if progress is None else lambda _, news: progress(news)
     return {"cover": cover, "tolerance": tolerance, "progress": told, "python": python}
 

@@ -15,7 +15,15 @@ import pytest
 from HybridVolume.core.assembly import build_surface
 from HybridVolume.core.check import check_surface
 from HybridVolume.core.covering.edge_points import edge_points
-from HybridVolume.core.covering.exchange import BREP, COVER, ERROR, read_cover, write_body
+from HybridVolume.core.covering.effort import Effort
+from HybridVolume.core.covering.exchange import (
+    BREP,
+    COVER,
+    ERROR,
+    read_cover,
+    told_failure,
+    write_body,
+)
 from HybridVolume.core.covering.face_checks import check_cover
 from HybridVolume.core.covering.geometry import SplineCurve
 from HybridVolume.core.covering.limits import ended, limit_memory
@@ -24,7 +32,7 @@ from HybridVolume.core.covering.mesher import Request
 from HybridVolume.core.covering.outline import Outline
 from HybridVolume.core.covering.quad_mesh import Meshers, UnmeshedError, Way, quad_cover
 from HybridVolume.core.surface import SplineFace
-from HybridVolume.errors import FaultError, InputError
+from HybridVolume.errors import FaultError, InputError, LimitError, from_dict
 
 PROJECT = Path(__file__).resolve().parents[1]
 LINE = np.array([0.0, 0.0, 1.0, 1.0])
@@ -143,6 +151,7 @@ BAD = {
     "crash": ("import os; os.kill(os.getpid(), 11)", "crashed .SIGSEGV"),
     "kill": ("import os; os.kill(os.getpid(), 9)", "crashed .SIGKILL"),
     "hang": ("import time; time.sleep(600)", "no answer in time"),
+    "endless work": ("while True: pass", "no answer in time"),
     "complaint": ("raise RuntimeError('no ideas')", "no ideas"),
     "silence": ("import os; os._exit(0)", "ended with code 0"),
     "half a file": (
@@ -161,7 +170,7 @@ def test_bad_meshers_end_in_a_named_refusal(what, tmp_path, monkeypatch):
     text, reason = BAD[what]
     fake_gmsh(tmp_path, monkeypatch, text)
     with pytest.raises(UnmeshedError, match=reason) as caught:
-        covered(tmp_path, [Way("gmsh", 6)], seconds=2.0 if what == "hang" else 60.0)
+        covered(tmp_path, [Way("gmsh", 6)], seconds=0.5 if reason == "no answer in time" else 60.0)
     assert caught.value.faces == ("Face1", "Face2")
     assert isinstance(caught.value, InputError) and caught.value.remedy
 
@@ -204,9 +213,10 @@ def test_the_process_covers_and_tells(tmp_path, monkeypatch):
 @pytest.mark.skipif(not installed("gmsh"), reason="stands in for an installed Gmsh")
 @pytest.mark.parametrize("limit", ["seconds", "stdin"])
 def test_limits_end_the_process(limit, tmp_path, monkeypatch):
+    # the time that counts is the processor's, of the mesher too
+    work = "time.sleep(600)" if limit == "stdin" else "[sum(range(1000)) for _ in iter(int, 1)]"
     hang = f"open({str(tmp_path / 'pid')!r}, 'w').write(str(__import__('os').getpid()));"
-    hang += " import time; time.sleep(600)"
-    fake_gmsh(tmp_path, monkeypatch, hang)
+    fake_gmsh(tmp_path, monkeypatch, f"{hang} import time; {work}")
     # Netgen is there, too: it finds no solid
     (tmp_path / BREP).write_text("no solid")
     task = {"seconds": 4.0 if limit == "seconds" else 100.0}
@@ -222,8 +232,8 @@ def test_limits_end_the_process(limit, tmp_path, monkeypatch):
         assert running.wait(60) == 1
     else:
         assert running.returncode == 2
-        told = InputError(**json.loads((tmp_path / ERROR).read_text()))
-        assert "longer than 4 s" in told.message
+        told = from_dict(json.loads((tmp_path / ERROR).read_text()))
+        assert isinstance(told, LimitError) and "longer than 4 s" in told.message
         assert told.faces == ("Face1", "Face2")
         assert told.remedy
     running.stdout.close()
@@ -259,9 +269,52 @@ def test_greedy_meshers_end_in_a_named_refusal(tmp_path, monkeypatch):
 
 
 def test_ends_without_an_answer_are_told():
-    assert "too little memory" in ended(-9).message
+    assert "too little memory" in ended(-9).message and isinstance(ended(-9), LimitError)
     assert "SIGSEGV (a crash)" in ended(-11).message
-    assert "code 1 (last words)" in ended(1, "first\nlast words\n").message
+    # an end that nobody intended is no property of the body
+    fault = ended(1, "first\nlast words\n")
+    assert isinstance(fault, FaultError) and "code 1 (last words)" in fault.message
+
+
+def test_faults_inside_are_no_refusals(tmp_path):
+    """Surfaces that are no numbers: nothing about the body can be told, and the code is 1."""
+    outline, curves, surfaces = prism()
+    curves[0] = SplineCurve(1, LINE, np.full((2, 3), np.nan), np.ones(2))
+    write_body(tmp_path, outline, curves, surfaces, {"tolerance": 1e-3, "turn": 60.0})
+    command = [sys.executable, "-m", "HybridVolume.core.covering.exchange", str(tmp_path)]
+    ending = subprocess.run(command, cwd=PROJECT, capture_output=True, timeout=120, check=False)
+    told = from_dict(json.loads((tmp_path / ERROR).read_text()))
+    assert ending.returncode == 1 and isinstance(told, FaultError)
+    assert "report" in told.remedy and not (tmp_path / COVER).exists()
+
+
+def test_a_fault_is_told_before_refusals():
+    refusals = [InputError("far", faces=["Face1", "Face2"]), InputError("farther", faces=["Face3"])]
+    fault = FaultError("quads do not close the body")
+    assert told_failure(refusals) is refusals[1]
+    assert told_failure([refusals[0], fault, refusals[1]]) is fault
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs /proc")
+def test_the_processors_time_counts():
+    """Sleeping costs nothing, work does: here, in children that run, and in ended ones."""
+    effort = Effort()
+    time.sleep(0.5)
+    assert effort.seconds() < 0.2
+    spin = "import time\nwhile time.process_time() < 0.6: pass\nprint(); input()"
+    command = [sys.executable, "-c", spin]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
+        own = Effort(child.pid)
+        child.stdout.readline()
+        assert own.seconds() > 0.4
+        assert effort.seconds() < 0.3 and effort.seconds([child.pid]) > 0.5
+        assert effort.left(0.5, [child.pid]) < 0.0 < effort.left(100.0, [child.pid])
+        child.communicate(b"\n")
+    assert effort.seconds() > 0.5
+    # a hang: no time of the processor, but far too much of the clock
+    idle = Effort()
+    time.sleep(0.2)
+    assert idle.left(0.01) < 0.0 < idle.left(1.0)
 
 
 @needs_netgen

@@ -11,7 +11,7 @@ from PySide import QtCore
 
 from HybridVolume.errors import FaultError, HybridVolumeError, InputError
 from HybridVolume.job import Job
-from HybridVolume.sources.covering import Covering
+from HybridVolume.sources.covering import Covering, forget_limits
 
 from .setup import EnvironmentSetup
 from .work import waiting
@@ -103,6 +103,7 @@ class Runner(QtCore.QObject):
         """
         self._make_jobs, self._made, self._jobs, self._stage = make_jobs, False, [], ""
         self._cover, self._coverings, self._covered, self._rounds = cover, [], False, 0
+        forget_limits()
         self._setup = setup
         if setup:
             setup.start()
@@ -163,12 +164,13 @@ class Runner(QtCore.QObject):
         self._covered = True
         for number, covering in enumerate(self._coverings):
             if covering.state == "new":
-                self._show(COVERING * number / len(self._coverings), "faces", covering.name)
+                share = COVERING * number / len(self._coverings)
+                self._show(share, "covering the faces", covering.name)
                 with waiting():
                     covering.start()
             for news in covering.poll():
                 share = (number + news.fraction) / len(self._coverings)
-                text = f"faces: {news.text}" if news.text else "faces"
+                text = f"covering: {news.text}" if news.text else "covering the faces"
                 self._show(COVERING * share, text, covering.name)
             if covering.state == "running":
                 return

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import json
 import logging
 import queue
 import shutil
@@ -26,7 +25,8 @@ from typing import Any
 import numpy as np
 
 from .. import errors
-from ..core.covering.exchange import BREP, ERROR, read_cover, write_body
+from ..core.covering.effort import PATIENCE
+from ..core.covering.exchange import BREP, read_cover, read_error, write_body
 from ..core.covering.kinds import BIT, EXACT, kinds_of_origins
 from ..core.covering.limits import ended, too_long
 from ..core.surface import SplineFace
@@ -46,10 +46,10 @@ from .untrimmed import take_faces
 logger = logging.getLogger(__name__)
 
 SECONDS = 240.0
-"""Longest time that covering a solid may take."""
+"""Longest time of the processor that covering a solid may take."""
 
-LATE = 1.2
-"""The process limits its time itself; after so many times that, it is ended from here."""
+LATE = 1.2 * PATIENCE
+"""The process limits its time itself; after so many times that, by the clock, it is ended here."""
 
 MARGIN = 0.95
 """Deviations are measured at samples: so much of the tolerance is aimed at."""
@@ -204,7 +204,9 @@ class Covering:
         Raises
         ------
         InputError
-            No cover was found; faces are named.
+            No cover was found; faces are named. A LimitError where time or memory ended it.
+        FaultError
+            Something went wrong that must not.
         SetupError
             There is no Python for the mesher.
         WorkerError
@@ -310,11 +312,9 @@ class Covering:
             )
         elif code is None:
             raise self._process.death()
-        elif code == 2 and (self._folder / ERROR).is_file():
-            told = json.loads((self._folder / ERROR).read_text())
-            self._end(self._renamed(errors.InputError(**told)))
         else:
-            self._end(ended(code, tail(self._folder / _LOG)))
+            told = read_error(self._folder) if code in (1, 2) else None
+            self._end(self._renamed(told) if told else ended(code, tail(self._folder / _LOG)))
 
     def _end(self, found: Covered | errors.HybridVolumeError) -> None:
         if isinstance(found, Covered):
@@ -338,7 +338,7 @@ class Covering:
             shutil.rmtree(self._folder, ignore_errors=True)
             self._folder = None
 
-    def _renamed(self, error: errors.InputError) -> errors.InputError:
+    def _renamed(self, error: errors.HybridVolumeError) -> errors.HybridVolumeError:
         """An error about pieces of faces as one about the faces of the given solid."""
         pieces = [int(face.split(".")[0][4:]) - 1 for face in error.faces]
         return type(error)(
@@ -409,6 +409,16 @@ _MEMORY: OrderedDict[tuple, Covered | errors.HybridVolumeError] = OrderedDict()
 """What was covered or refused lately."""
 
 
+def forget_limits() -> None:
+    """Forget bodies that were refused because of a limit: they are covered anew when read next.
+
+    Within one reading they are remembered, or a window that covers first and reads then would wait
+    for the covering again.
+    """
+    for key in [key for key, found in _MEMORY.items() if isinstance(found, errors.LimitError)]:
+        del _MEMORY[key]
+
+
 def is_known(solid: Any, tolerance: float | None = None, *, free_only: bool = False) -> bool:
     """Whether the cover of a solid, or why there is none, is in memory.
 
@@ -448,10 +458,8 @@ def cover_solid(
 
     Raises
     ------
-    InputError
-        No cover was found; faces are named.
-    SetupError
-        There is no Python for the mesher.
+    HybridVolumeError
+        As :meth:`Covering.result`.
     """
     covering = Covering(solid, tolerance, free_only=free_only, python=python, name=name)
     return covering.run(progress)

@@ -4,8 +4,9 @@
 
 The process is ``python -m HybridVolume.core.covering.exchange FOLDER``. It reads ``body.brep``,
 ``body.npz`` and ``task.json``, tells its progress a JSON object a line as :mod:`...protocol` has
-it, and writes ``cover.npz``, or ``error.json`` and ends with 2. It ends itself when its time is
-over, when who asked is gone, and says so when the memory is too small.
+it, and writes ``cover.npz``; or ``error.json``, and ends with 2 where the body is refused, with 1
+where the fault is our own. It ends itself when its time is over, when who asked is gone, and says
+so when the memory is too small.
 """
 
 from __future__ import annotations
@@ -13,17 +14,18 @@ from __future__ import annotations
 import json
 import logging
 import sys
-import time
+import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 
 import numpy as np
 
-from ...errors import FaultError, HybridVolumeError
+from ...errors import FaultError, HybridVolumeError, InputError, SetupError, from_dict
 from ..surface import SplineFace
 from ..tetmesh.run import end_with_parent
 from .cover import Cover, cover_body
+from .effort import Effort
 from .geometry import SplineCurve
 from .limits import end_after, end_with_input, limit_memory, too_large, too_long
 from .outline import Outline
@@ -37,7 +39,7 @@ BREP, BODY, TASK, COVER, ERROR = (
 )
 
 SECONDS = 240.0
-"""Longest time for a body, if the task says no other."""
+"""Longest time of the processor for a body, if the task says no other."""
 WORTH = 0.15
 """No other sizes are tried when less than this share of the time is left."""
 ATTEMPTS = (
@@ -134,6 +136,12 @@ def read_cover(folder: Path) -> Cover:
         return Cover(tuple(faces), file["origin"], file["deviation"], int(file["quads"]), kinds)
 
 
+def read_error(folder: Path) -> HybridVolumeError | None:
+    """Why the process gave no cover; None where it did not say."""
+    path = folder / ERROR
+    return from_dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else None
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Cover the body in a folder."""
     folder = Path((sys.argv[1:] if arguments is None else arguments)[0])
@@ -143,11 +151,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     where = ["preparing"]
 
     def refused(error: HybridVolumeError) -> int:
-        told = {"message": error.message, "faces": list(error.faces), "remedy": error.remedy}
         part = folder / f"{ERROR}.part"
-        part.write_text(json.dumps({**told, "figure": error.figure}), encoding="utf-8")
+        part.write_text(json.dumps(error.to_dict()), encoding="utf-8")
         part.replace(folder / ERROR)
-        return 2
+        return 2 if isinstance(error, InputError) else 1
 
     def progress(share: float, words: str) -> None:
         where[0] = words
@@ -156,7 +163,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     end_with_parent()
     end_with_input()
-    timer = end_after(seconds, lambda: refused(too_long(seconds, where[0])))
+    limit = end_after(seconds, lambda: refused(too_long(seconds, where[0])))
     most = limit_memory(task.pop("memory", None))
     try:
         cover = _cover(folder, outline, curves, surfaces, task, 0.9 * seconds, progress)
@@ -164,8 +171,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return refused(too_large(most))
     except HybridVolumeError as error:
         return refused(error)
+    except Exception as fault:
+        traceback.print_exc()
+        return refused(_fault(fault))
     finally:
-        timer.cancel()
+        limit.set()
     part = folder / f"part-{COVER}"
     np.savez(
         part,
@@ -193,19 +203,21 @@ def _cover(
 
     Raises
     ------
+    FaultError
+        None is found, and with one size at least something went wrong that must not.
     HybridVolumeError
         None is found: the failure that concerns the fewest faces.
     """
     attempts = [{}] if "turn" in task else ATTEMPTS
     engines = {way.engine for way in Meshers.available().ways}
     failures: list[HybridVolumeError] = []
-    began = time.monotonic()
+    effort = Effort()
     for number, attempt in enumerate(attempts):
         sizes = dict(attempt)
         first = sizes.pop("first", "")
         if first and engines == {first}:
             continue  # it was the only one before, too
-        left = seconds - (time.monotonic() - began)
+        left = effort.left(seconds)
         if failures and left < WORTH * seconds:
             break
         done = 1.0 - 0.5**number
@@ -225,20 +237,49 @@ def _cover(
                 progress=told,
                 meshers=Meshers.available(first),
             )
+        except (SetupError, MemoryError):
+            raise
         except HybridVolumeError as error:
             logger.info("attempt %d: %s", number + 1, error.line)
             failures.append(error)
-        except (ArithmeticError, LookupError, ValueError, np.linalg.LinAlgError) as error:
+        except (
+            ArithmeticError,
+            LookupError,
+            ValueError,
+            TypeError,
+            np.linalg.LinAlgError,
+        ) as fault:
             # a fault of ours with these quads need not be one with others
             logger.exception("attempt %d", number + 1)
-            failures.append(
-                FaultError(
-                    f"covering the faces failed ({type(error).__name__}: {error})",
-                    remedy="please report this body",
-                )
-            )
+            failures.append(_fault(fault))
+    raise told_failure(failures)
+
+
+def told_failure(failures: Sequence[HybridVolumeError]) -> HybridVolumeError:
+    """What is told of a body that was tried in several ways, none of which gave a cover.
+
+    A fault of ours is told before anything about the body, which may be good.
+
+    Parameters
+    ----------
+    failures : sequence of HybridVolumeError
+        In the order of the ways; at least one.
+    """
+    faults = [error for error in failures if isinstance(error, FaultError)]
     named = [error for error in failures if error.faces]
-    raise min(named, key=lambda error: len(error.faces)) if named else failures[0]
+    if faults:
+        return faults[0]
+    return min(named, key=lambda error: len(error.faces)) if named else failures[0]
+
+
+def _fault(fault: Exception) -> FaultError:
+    """An exception that nobody expected, in words."""
+    where = traceback.extract_tb(fault.__traceback__)[-1]
+    place = f"{Path(where.filename).name}:{where.lineno}"
+    return FaultError(
+        f"covering the faces failed: {type(fault).__name__} in {place}: {fault}".replace("\n", " "),
+        remedy="please report this body",
+    )
 
 
 if __name__ == "__main__":

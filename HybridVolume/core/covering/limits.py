@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""Limits of the covering process: time, memory, and the life of who asked for it."""
+"""Limits of the covering process: time, memory, and the life of who asked for it.
+
+Time is the processor's, so that a body is not refused because the computer does other work; the
+clock only ends what hangs.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +16,9 @@ import sys
 import threading
 from collections.abc import Callable
 
-from ...errors import InputError
-from .mesh_runs import kill_meshers, last_faces
+from ...errors import FaultError, HybridVolumeError, LimitError
+from .effort import Effort
+from .mesh_runs import kill_meshers, last_faces, running_meshers
 
 logger = logging.getLogger(__name__)
 
@@ -55,22 +60,31 @@ def limit_memory(most: float | None = None) -> float | None:
     return float(most)
 
 
-def end_after(seconds: float, last_words: Callable[[], int]) -> threading.Timer:
+def end_after(seconds: float, last_words: Callable[[], int]) -> threading.Event:
     """End this process and its meshers when the time is over, whatever it is doing.
 
     Parameters
     ----------
     seconds : float
+        Of the processor, in this process and its meshers; what hangs ends, too.
     last_words : callable
         Called before the end; gives the exit code.
 
     Returns
     -------
-    threading.Timer
-        Running; ``cancel`` takes the limit away.
+    threading.Event
+        Set, it takes the limit away.
     """
+    effort, over = Effort(), threading.Event()
 
-    def end() -> None:
+    def watch() -> None:
+        while True:
+            left = effort.left(seconds, running_meshers())
+            if left <= 0.0:
+                break
+            # neither time runs faster than the clock
+            if over.wait(max(left, 0.01)):
+                return
         code = 1
         try:
             code = last_words()
@@ -78,10 +92,8 @@ def end_after(seconds: float, last_words: Callable[[], int]) -> threading.Timer:
             kill_meshers()
             os._exit(code)
 
-    timer = threading.Timer(seconds, end)
-    timer.daemon = True
-    timer.start()
-    return timer
+    threading.Thread(target=watch, daemon=True).start()
+    return over
 
 
 def end_with_input() -> None:
@@ -101,10 +113,10 @@ def end_with_input() -> None:
     threading.Thread(target=wait, daemon=True).start()
 
 
-def too_long(seconds: float, where: str) -> InputError:
+def too_long(seconds: float, where: str) -> LimitError:
     """What a body is told that takes too long, with the faces that a mesher had last."""
-    return InputError(
-        f"covering the faces took longer than {seconds:.0f} s ({where})",
+    return LimitError(
+        f"covering the faces took longer than {seconds:.0f} s of the processor, or hung ({where})",
         faces=[f"Face{face + 1}" for face in last_faces()],
         figure=seconds,
         remedy="merge narrow faces and remove small ones in the CAD program, or allow a larger"
@@ -112,10 +124,10 @@ def too_long(seconds: float, where: str) -> InputError:
     )
 
 
-def too_large(most: float | None) -> InputError:
+def too_large(most: float | None) -> LimitError:
     """What a body is told that needs too much memory."""
     amount = "" if most is None else f" than {most / 1024**3:.3g} GiB"
-    return InputError(
+    return LimitError(
         f"covering the faces needs more memory{amount}",
         figure=most,
         remedy="merge narrow faces and remove small ones in the CAD program, or allow a larger"
@@ -123,7 +135,7 @@ def too_large(most: float | None) -> InputError:
     )
 
 
-def ended(code: int, log: str = "") -> InputError:
+def ended(code: int, log: str = "") -> HybridVolumeError:
     """What a body is told whose process ended without an answer.
 
     Parameters
@@ -132,6 +144,11 @@ def ended(code: int, log: str = "") -> InputError:
         Of the process; negative: the signal that ended it.
     log : str
         What it said.
+
+    Returns
+    -------
+    LimitError or FaultError
+        A signal came from outside or from a library; anything else is a fault of ours.
     """
     if code < 0:
         try:
@@ -140,10 +157,13 @@ def ended(code: int, log: str = "") -> InputError:
             name = f"signal {-code}"
         kills = {"SIGKILL": "too little memory, or killed from outside", "SIGSEGV": "a crash"}
         why = f"was ended by {name}" + (f" ({kills[name]})" if name in kills else "")
-    else:
-        lines = [line for line in log.splitlines() if line.strip()]
-        why = f"ended with code {code} ({(lines or ['no reason'])[-1].strip()[:200]})"
-    return InputError(
-        f"the process that covers the faces {why}",
-        remedy="simplify the body in the CAD program: merge narrow faces, remove small ones",
+        return LimitError(
+            f"the process that covers the faces {why}",
+            remedy="simplify the body in the CAD program: merge narrow faces, remove small ones",
+        )
+    lines = [line for line in log.splitlines() if line.strip()]
+    why = (lines or ["no reason"])[-1].strip()[:200]
+    return FaultError(
+        f"the process that covers the faces ended with code {code} ({why})",
+        remedy="please report this body",
     )

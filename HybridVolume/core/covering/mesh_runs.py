@@ -9,7 +9,6 @@ import os
 import signal
 import subprocess
 import tempfile
-import time
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -18,12 +17,13 @@ import numpy as np
 
 from ...errors import MesherError
 from ..tetmesh.door import interpreter
+from .effort import Effort
 from .mesher import ANSWERS, COMPLAINT, Answer, Request, one_by_one
 
 logger = logging.getLogger(__name__)
 
 FACE_SECONDS = 20.0
-"""Longest time of a mesher for a face, where it meshes them one by one."""
+"""Longest time of a mesher for a face, where it meshes them one by one; of the processor."""
 RESTARTS = 10
 """So often a mesher goes on behind a face that it cannot end."""
 
@@ -35,6 +35,11 @@ def kill_meshers() -> None:
     """End all meshers that run for this process."""
     for process in tuple(_running):
         process.kill()
+
+
+def running_meshers() -> tuple[int, ...]:
+    """Numbers of the processes of meshers that run for this process."""
+    return tuple(process.pid for process in tuple(_running))
 
 
 def last_faces() -> tuple[int, ...]:
@@ -50,7 +55,7 @@ def run_mesher(engine: str, request: Request, seconds: float) -> Answer:
     engine : {"gmsh", "netgen"}
     request : Request
     seconds : float
-        Time limit.
+        Most time of the processor, see :class:`.effort.Effort`.
 
     Raises
     ------
@@ -59,14 +64,12 @@ def run_mesher(engine: str, request: Request, seconds: float) -> Answer:
         is damaged. A mesher that works face by face leaves out faces where it does so.
     """
     _asked[:] = [tuple(request.faces.tolist())]
-    ends = time.monotonic() + seconds
+    effort = Effort()
     left = request.faces
     answers: list[Answer] = []
     reasons: list[str] = []
     for _ in range(RESTARTS + 1):
-        found, reason, complained = _run(
-            engine, replace(request, faces=left), ends - time.monotonic()
-        )
+        found, reason, complained = _run(engine, replace(request, faces=left), effort.left(seconds))
         answers += [_whole(engine, answer) for answer in found]
         if not reason:
             left = left[:0]
@@ -77,7 +80,7 @@ def run_mesher(engine: str, request: Request, seconds: float) -> Answer:
             break
         # the face behind the last one that it got over is the one it cannot do
         left = left[sum(len(answer.done) for answer in found) + 1 :]
-        if not len(left) or time.monotonic() > ends:
+        if not len(left) or effort.left(seconds) <= 0.0:
             break
     if not any(len(answer.elements) for answer in answers):
         raise MesherError("; ".join(dict.fromkeys(reasons)) or f"{engine} meshes none of the faces")
@@ -127,21 +130,20 @@ def _run(engine: str, request: Request, seconds: float) -> tuple[list[Answer], s
 
 def _wait(process: subprocess.Popen, folder: Path, seconds: float, by_face: bool) -> int | None:
     """Exit code of a mesher; None where it does not end in time."""
-    ends = time.monotonic() + seconds
-    count, since = 0, time.monotonic()
+    whole = face = Effort(process.pid)
+    count = 0
     while True:
-        now = time.monotonic()
+        left = whole.left(seconds)
         if by_face:
             new = sum(1 for _ in folder.glob(ANSWERS))
             if new > count:
-                count, since = new, now
-        limit = min(ends, since + FACE_SECONDS) if by_face else ends
-        if now > limit:
-            return None
+                count, face = new, Effort(process.pid)
+            left = min(left, face.left(FACE_SECONDS))
         try:
-            return process.wait(min(0.25, limit - now) if by_face else limit - now)
+            return process.wait(min(0.25, max(left, 0.0)))
         except subprocess.TimeoutExpired:
-            continue
+            if left <= 0.0:
+                return None
 
 
 def _whole(engine: str, answer: Answer) -> Answer:
