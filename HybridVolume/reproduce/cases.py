@@ -5,18 +5,22 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import logging
+import os
 import subprocess
 import sys
 import time
 import traceback
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from HybridVolume.errors import FaultError, HybridVolumeError, InputError, WorkerError
+from HybridVolume.job import Job
 from HybridVolume.worker import Channel, die_with_parent
+from HybridVolume.worker_process import THREADS
 
 from .midstructure import PROJECT
 
@@ -26,15 +30,44 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 
+BESIDES = "STEP and BREP files, or folders of them, besides the example"
+"""What ``--data`` takes as a rule."""
+
+
 class Named(Protocol):
     """A case: its name, and the part of the tables that it belongs to."""
 
-    name: str
-    part: str
+    @property
+    def name(self) -> str:
+        """Of its file."""
+
+    @property
+    def part(self) -> str:
+        """Of the tables."""
 
 
-def add_case_arguments(parser: argparse.ArgumentParser, time_limit: float, what: str) -> None:
-    """Declare how cases are done.
+C = TypeVar("C", bound=Named)
+
+
+class CaseJob(Job):
+    """A job whose process writes its cases itself, to the folder of cases."""
+
+    def answers(self) -> list[str]:
+        """Nothing besides the cases."""
+        return []
+
+
+def add_case_arguments(
+    parser: argparse.ArgumentParser,
+    time_limit: float,
+    what: str,
+    *,
+    data: str = "",
+    parts: Iterable[str] = (),
+    example: str = "names of cases",
+    small: str = "",
+) -> None:
+    """Declare which cases are done, and how.
 
     Parameters
     ----------
@@ -43,7 +76,27 @@ def add_case_arguments(parser: argparse.ArgumentParser, time_limit: float, what:
         Seconds by default.
     what : str
         What has them: "case", "body".
+    data : str
+        What the files of ``--data`` are; none are taken otherwise.
+    parts : iterable of str
+        Parts that ``--only`` takes; there is no such choice otherwise.
+    example : str
+        What it takes besides.
+    small : str
+        What ``--small`` makes, where there is such a version.
     """
+    if data:
+        parser.add_argument("--data", nargs="+", metavar="FILE|DIR", help=data)
+    parts = list(parts)
+    if parts:
+        parser.add_argument(
+            "--only",
+            nargs="+",
+            metavar="PART|NAME",
+            help=f"{', '.join(parts)}, or {example}; the others are left out",
+        )
+    if small:
+        parser.add_argument("--small", action="store_true", help=small)
     parser.add_argument(
         "--gather", action="store_true", help="do nothing new: tables of what is finished"
     )
@@ -57,14 +110,24 @@ def add_case_arguments(parser: argparse.ArgumentParser, time_limit: float, what:
     )
 
 
-def check_names(only: Sequence[str], cases: Iterable[Named], parts: Iterable[str]) -> None:
-    """Refuse words that are no part and no case.
+def chosen_cases(cases: Sequence[C], only: Sequence[str] | None, parts: Iterable[str]) -> list[C]:
+    """Cases that are asked for.
+
+    Parameters
+    ----------
+    cases : sequence
+        All that there are.
+    only : sequence of str, optional
+        Names of cases and of parts.
+    parts : iterable of str
 
     Raises
     ------
     InputError
-        With all that there are.
+        A word is no part and no case; with all that there are.
     """
+    if not only:
+        return list(cases)
     names, parts = {case.name for case in cases}, list(parts)
     unknown = [word for word in only if word not in parts and word not in names]
     if unknown:
@@ -72,6 +135,26 @@ def check_names(only: Sequence[str], cases: Iterable[Named], parts: Iterable[str
             f"{', '.join(unknown)}: no such part or case",
             remedy=f"parts are {', '.join(parts)}, cases {', '.join(sorted(names))}",
         )
+    return [case for case in cases if {case.part, case.name} & set(only)]
+
+
+def one_thread_each() -> None:
+    """Let every process use one thread: seconds of cases side by side are then their own."""
+    for name in THREADS:
+        os.environ.setdefault(name, "1")
+
+
+def digest_of(files: Iterable[Path]) -> str:
+    """Return what tells one version of some files from another, whatever their order here.
+
+    Parameters
+    ----------
+    files : iterable of Path
+    """
+    digest = hashlib.sha256()
+    for path in sorted(set(files)):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def told_figures(

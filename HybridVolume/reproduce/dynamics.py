@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -23,14 +22,20 @@ from typing import Any
 
 from HybridVolume.core.surface import SplineFace
 from HybridVolume.errors import WorkerError
-from HybridVolume.job import Job
 
 from . import fem
 from .bodies import box, sphere, torus
-from .cases import add_case_arguments, check_names, told_figures
+from .cases import (
+    BESIDES,
+    CaseJob,
+    add_case_arguments,
+    chosen_cases,
+    one_thread_each,
+    told_figures,
+)
 from .midstructure import write_json
 from .rates3d import read_bodies
-from .shell import THREADS, machine
+from .shell import machine
 
 VERSION = 1
 """Of the JSON file."""
@@ -49,14 +54,10 @@ _SOURCES = {"drops": _STEPS, "flights": _STEPS, "modes": ("modal",), "rest": ("s
 """Modules of the analysis that decide whether a case of a part has to be done again."""
 
 
-class CaseJob(Job):
+class MotionJob(CaseJob):
     """One case; its process writes it to the folder of cases."""
 
     module = "HybridVolume.reproduce.dynamics_case"
-
-    def answers(self) -> list[str]:
-        """Nothing besides the case."""
-        return []
 
 
 @dataclass(frozen=True)
@@ -157,22 +158,8 @@ def _program(part: str) -> str:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the command line takes."""
-    parser.add_argument(
-        "--data",
-        nargs="+",
-        metavar="FILE|DIR",
-        help="STEP and BREP files, or folders of them, besides the example",
-    )
-    parser.add_argument(
-        "--only",
-        nargs="+",
-        metavar="PART|CASE",
-        help=f"{', '.join(PARTS)}, or names of cases; the others are left out",
-    )
-    parser.add_argument(
-        "--small", action="store_true", help="a few small cases, in less than a minute"
-    )
-    add_case_arguments(parser, 5400.0, "case")
+    small = "a few small cases, in less than a minute"
+    add_case_arguments(parser, 5400.0, "case", data=BESIDES, parts=PARTS, small=small)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -196,15 +183,12 @@ def run(options: argparse.Namespace) -> int:
     for name in ("cases", "pictures"):
         (folder / name).mkdir(parents=True, exist_ok=True)
     asked = [one for one in ASKED if one.small == options.small]
-    if options.only:
-        check_names(options.only, asked, PARTS)
-        asked = [one for one in asked if {one.part, one.name} & set(options.only)]
+    asked = chosen_cases(asked, options.only, PARTS)
     wanted = {one.body for one in asked}
     bodies, missing = read_bodies(MADE, READ, options.data, wanted)
     cases = [Case(one, bodies[one.body]) for one in asked if one.body in bodies]
     # two cases at a time, one thread each: their seconds do not depend on one another
-    for name in THREADS:
-        os.environ.setdefault(name, "1")
+    one_thread_each()
     runner = Runner(folder, options.time_limit, options.again)
     if not options.gather:
         runner.run(cases)
@@ -234,7 +218,7 @@ def run(options: argparse.Namespace) -> int:
 class Runner(fem.Runner):
     """Works on cases, two at a time; see :class:`.fem.Runner`."""
 
-    def _start(self, case: Case) -> tuple[CaseJob, Case, float]:
+    def _start(self, case: Case) -> tuple[MotionJob, Case, float]:
         (self.cases / f"{case.name}.json").unlink(missing_ok=True)
         own = {
             **case.asked.task,
@@ -244,7 +228,7 @@ class Runner(fem.Runner):
             "case": case.asked.body,
             "key": case.key(),
         }
-        job = CaseJob(case.faces, name=case.name, options=own, python=self.python)
+        job = MotionJob(case.faces, name=case.name, options=own, python=self.python)
         job.prepare()
         job.start()
         return job, case, time.perf_counter()

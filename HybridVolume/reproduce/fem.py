@@ -14,7 +14,6 @@ import argparse
 import hashlib
 import importlib.util
 import json
-import os
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -27,11 +26,19 @@ from HybridVolume.completion import Screen
 from HybridVolume.core.surface import SplineFace
 from HybridVolume.errors import HybridVolumeError, InputError, WorkerError
 from HybridVolume.freecad_python import import_freecad
-from HybridVolume.job import Job, worker_python
+from HybridVolume.job import worker_python
 
-from .cases import add_case_arguments, check_names, told_figures
+from .cases import (
+    BESIDES,
+    CaseJob,
+    add_case_arguments,
+    chosen_cases,
+    digest_of,
+    one_thread_each,
+    told_figures,
+)
 from .midstructure import BESIDE, EXAMPLES, body_files, write_json
-from .shell import THREADS, machine
+from .shell import machine
 
 VERSION = 1
 """Of the JSON files."""
@@ -66,14 +73,10 @@ _OTHERS = {
 """Of these files, those that do not."""
 
 
-class CaseJob(Job):
+class FemJob(CaseJob):
     """One case; its process writes it to the folder of cases."""
 
     module = "HybridVolume.reproduce.fem_case"
-
-    def answers(self) -> list[str]:
-        """Nothing besides the case."""
-        return []
 
 
 @dataclass
@@ -118,35 +121,26 @@ class Case:
 def _program(part: str) -> str:
     """What the numbers of a part are made by, as it was when this program started."""
     package = Path(__file__).resolve().parents[1]
-    digest = hashlib.sha256()
     files = {path for pattern in _SOURCES[part] for path in package.glob(pattern)}
-    for path in sorted(files):
-        if path.name not in _OTHERS.get(part, ()):
-            digest.update(path.read_bytes())
-    return digest.hexdigest()
+    return digest_of(path for path in files if path.name not in _OTHERS.get(part, ()))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the command line takes."""
-    parser.add_argument(
-        "--data",
-        nargs="+",
-        metavar="FILE|DIR",
-        help="STEP and BREP files, or folders of them, besides the example",
-    )
     parser.add_argument(
         "--body",
         action="append",
         metavar="NAME",
         help=f"patch tests and sums of loads of this body (repeatable; {', '.join(BODIES)})",
     )
-    parser.add_argument(
-        "--only",
-        nargs="+",
-        metavar="PART|CASE",
-        help=f"{', '.join(PARTS)}, or names of cases as patch-torus; the others are left out",
+    add_case_arguments(
+        parser,
+        1800.0,
+        "case",
+        data=BESIDES,
+        parts=PARTS,
+        example="names of cases as patch-torus",
     )
-    add_case_arguments(parser, 1800.0, "case")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -172,8 +166,7 @@ def run(options: argparse.Namespace) -> int:
     bodies, missing = _bodies(options, folder / "bodies")
     cases = _chosen(_cases(bodies, folder), options.only)
     # two cases at a time, one thread each: their seconds do not depend on one another
-    for name in THREADS:
-        os.environ.setdefault(name, "1")
+    one_thread_each()
     runner = Runner(folder, options.time_limit, options.again)
     if not options.gather:
         runner.run(cases)
@@ -311,10 +304,7 @@ def _chosen(cases: Sequence[Case], only: Sequence[str] | None) -> list[Case]:
     InputError
         A word is no part and no case.
     """
-    if not only:
-        return list(cases)
-    check_names(only, cases, PARTS)
-    chosen = [case for case in cases if case.part in only or case.name in only]
+    chosen = chosen_cases(cases, only, PARTS)
     needed = {case.after.name for case in chosen if case.after} | {case.name for case in chosen}
     return [case for case in cases if case.name in needed]
 
@@ -348,7 +338,7 @@ class Runner:
                 waiting.append(case)
         if self._done:
             self.screen.line(f"{len(self._done)} of {len(cases)} cases finished before")
-        running: list[tuple[CaseJob, Case, float]] = []
+        running: list[tuple[FemJob, Case, float]] = []
         try:
             while waiting or running:
                 ready = [c for c in waiting if c.after is None or c.after.name in self._done]
@@ -374,7 +364,7 @@ class Runner:
         self._done.add(case.name)
         return True
 
-    def _start(self, case: Case) -> tuple[CaseJob, Case, float]:
+    def _start(self, case: Case) -> tuple[FemJob, Case, float]:
         (self.cases / f"{case.name}.json").unlink(missing_ok=True)
         options = {
             "words": "",
@@ -385,7 +375,7 @@ class Runner:
             "case": case.case,
             "key": case.key(),
         }
-        job = CaseJob(case.faces, name=case.name, options=options, python=self.python)
+        job = FemJob(case.faces, name=case.name, options=options, python=self.python)
         job.prepare()
         if case.part == "loads":
             # FreeCAD's modules belong to the Python that runs this
@@ -393,7 +383,7 @@ class Runner:
         job.start()
         return job, case, time.perf_counter()
 
-    def _ended(self, job: CaseJob, case: Case, started: float) -> bool:
+    def _ended(self, job: FemJob, case: Case, started: float) -> bool:
         """Whether a case's process is over."""
         for news in job.poll(wait=0.1):
             self.screen.progress(case.name, news)

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -22,12 +21,11 @@ from pathlib import Path
 from typing import Any
 
 from HybridVolume.errors import WorkerError
-from HybridVolume.job import Job
 
-from .cases import add_case_arguments, check_names, told_figures
+from .cases import CaseJob, add_case_arguments, chosen_cases, one_thread_each, told_figures
 from .fem import Runner
 from .midstructure import write_json
-from .shell import THREADS, machine
+from .shell import machine
 
 VERSION = 1
 """Of the JSON file."""
@@ -54,14 +52,10 @@ SMALL_BODIES = ("triangles", "three-layers")
 PARTS = ("scan", "turned", "step", "finer", "higher", "thicker")
 
 
-class DropJob(Job):
+class DropJob(CaseJob):
     """One case; its process writes it to the folder of cases."""
 
     module = "HybridVolume.reproduce.fig2_case"
-
-    def answers(self) -> list[str]:
-        """Nothing besides the case."""
-        return []
 
 
 @dataclass
@@ -105,16 +99,8 @@ def _program() -> str:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the command line takes."""
-    parser.add_argument(
-        "--only",
-        nargs="+",
-        metavar="PART|CASE",
-        help=f"{', '.join(PARTS)}, or names of cases; the others are left out",
-    )
-    parser.add_argument(
-        "--small", action="store_true", help="few unknowns and one stiffness, in some seconds"
-    )
-    add_case_arguments(parser, 1500.0, "case")
+    small = "few unknowns and one stiffness, in some seconds"
+    add_case_arguments(parser, 1500.0, "case", parts=PARTS, small=small)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -136,15 +122,11 @@ def run(options: argparse.Namespace) -> int:
 
     started = time.perf_counter()
     folder = Path(options.output)
-    cases = all_cases(options.small)
-    if options.only:
-        check_names(options.only, cases, PARTS)
-        cases = [case for case in cases if {case.part, case.name} & set(options.only)]
+    cases = chosen_cases(all_cases(options.small), options.only, PARTS)
     for name in ("cases", "pictures"):
         (folder / name).mkdir(parents=True, exist_ok=True)
     # two cases at a time, one thread each: their seconds do not depend on one another
-    for name in THREADS:
-        os.environ.setdefault(name, "1")
+    one_thread_each()
     runner = DropRunner(folder, options.time_limit, options.again)
     if not options.gather:
         runner.run(cases)

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import os
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -23,14 +22,20 @@ from typing import Any
 
 from HybridVolume.errors import WorkerError
 from HybridVolume.freecad_python import import_freecad
-from HybridVolume.job import Job
 
-from .cases import add_case_arguments, check_names, told_figures
+from .cases import (
+    CaseJob,
+    add_case_arguments,
+    chosen_cases,
+    digest_of,
+    one_thread_each,
+    told_figures,
+)
 from .fem import Runner
 from .midstructure import PROJECT, write_json
 from .quads_broken import catalogue
 from .quads_inputs import INPUTS, MANY, SHELL, SURFACES, VALENCES, mesh_files
-from .shell import THREADS, machine
+from .shell import machine
 
 VERSION = 1
 """Of the JSON files."""
@@ -61,14 +66,10 @@ _OWN = {
 """Files that decide whether a case has to be done again, of the package and of this folder."""
 
 
-class CaseJob(Job):
+class QuadJob(CaseJob):
     """One case; its process writes it to the folder of cases."""
 
     module = "HybridVolume.reproduce.quads_case"
-
-    def answers(self) -> list[str]:
-        """Nothing besides the case."""
-        return []
 
 
 @dataclass
@@ -112,28 +113,19 @@ def _program(part: str) -> str:
     """What the numbers of a part are made by, as it was when this program started."""
     package = Path(__file__).resolve().parents[1]
     files = {path for pattern in _SOURCES for path in package.glob(pattern)}
-    files |= {Path(__file__).parent / name for name in _OWN[part]}
-    digest = hashlib.sha256()
-    for path in sorted(files):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
+    return digest_of(files | {Path(__file__).parent / name for name in _OWN[part]})
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the command line takes."""
-    parser.add_argument(
-        "--data",
-        nargs="+",
-        metavar="FILE|DIR",
-        help="mesh files, or folders that have them (default: ../shared/data)",
+    add_case_arguments(
+        parser,
+        1500.0,
+        "case",
+        data="mesh files, or folders that have them (default: ../shared/data)",
+        parts=PARTS,
+        example="names of cases as fish",
     )
-    parser.add_argument(
-        "--only",
-        nargs="+",
-        metavar="PART|CASE",
-        help=f"{', '.join(PARTS)}, or names of cases as fish; the others are left out",
-    )
-    add_case_arguments(parser, 1500.0, "case")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -158,10 +150,9 @@ def run(options: argparse.Namespace) -> int:
     (folder / "cases").mkdir(parents=True, exist_ok=True)
     files = mesh_files(options.data or ([DATA] if DATA.is_dir() else []))
     every, missing = all_cases(files, folder)
-    cases = _chosen(every, options.only)
+    cases = chosen_cases(every, options.only, PARTS)
     # two cases at a time, one thread each: their seconds do not depend on one another
-    for name in THREADS:
-        os.environ.setdefault(name, "1")
+    one_thread_each()
     runner = QuadRunner(folder, options.time_limit, options.again)
     if not options.gather:
         import_freecad()
@@ -264,24 +255,10 @@ def _bodies() -> tuple[str, ...]:
     return BODIES
 
 
-def _chosen(cases: Sequence[Case], only: Sequence[str] | None) -> list[Case]:
-    """Cases that are asked for.
-
-    Raises
-    ------
-    InputError
-        A word is no part and no case.
-    """
-    if not only:
-        return list(cases)
-    check_names(only, cases, PARTS)
-    return [case for case in cases if case.part in only or case.name in only]
-
-
 class QuadRunner(Runner):
     """Works on cases of quad meshes, two at a time, in FreeCAD's Python."""
 
-    def _start(self, case: Case) -> tuple[CaseJob, Case, float]:
+    def _start(self, case: Case) -> tuple[QuadJob, Case, float]:
         (self.cases / f"{case.name}.json").unlink(missing_ok=True)
         own = {
             **case.task,
@@ -291,7 +268,7 @@ class QuadRunner(Runner):
             "case": case.case,
             "key": case.key(),
         }
-        job = CaseJob((), name=case.name, options=own, python=self.python)
+        job = QuadJob((), name=case.name, options=own, python=self.python)
         job.prepare()
         # FreeCAD's modules belong to the Python that runs this
         job.python = sys.executable

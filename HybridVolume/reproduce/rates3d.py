@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -24,14 +23,22 @@ from HybridVolume.completion import Screen
 from HybridVolume.core.surface import SplineFace
 from HybridVolume.errors import HybridVolumeError, InputError, WorkerError
 from HybridVolume.freecad_python import import_freecad
-from HybridVolume.job import Job, worker_python
+from HybridVolume.job import worker_python
 
 from . import fem
 from .bodies import box, sphere, torus
-from .cases import add_case_arguments, check_names, told_figures
+from .cases import (
+    BESIDES,
+    CaseJob,
+    add_case_arguments,
+    chosen_cases,
+    digest_of,
+    one_thread_each,
+    told_figures,
+)
 from .fem_bodies import even, hollow_sphere
 from .midstructure import BESIDE, EXAMPLES, body_files, write_json
-from .shell import THREADS, machine
+from .shell import machine
 
 VERSION = 1
 """Of the JSON file."""
@@ -170,14 +177,10 @@ ASKED = (
 """All cases. Small ones stand beside the large ones that have the same name."""
 
 
-class CaseJob(Job):
+class RateJob(CaseJob):
     """One case; its process writes it to the folder of cases."""
 
     module = "HybridVolume.reproduce.rates3d_case"
-
-    def answers(self) -> list[str]:
-        """Nothing besides the case."""
-        return []
 
 
 @dataclass
@@ -220,30 +223,13 @@ class Case:
 def _program(part: str) -> str:
     """What the numbers of a part are made by, as it was when this program started."""
     package = Path(__file__).resolve().parents[1]
-    digest = hashlib.sha256()
-    for path in sorted({path for pattern in _SOURCES[part] for path in package.glob(pattern)}):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
+    return digest_of(path for pattern in _SOURCES[part] for path in package.glob(pattern))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the command line takes."""
-    parser.add_argument(
-        "--data",
-        nargs="+",
-        metavar="FILE|DIR",
-        help="STEP and BREP files, or folders of them, besides the example",
-    )
-    parser.add_argument(
-        "--only",
-        nargs="+",
-        metavar="PART|CASE",
-        help=f"{', '.join(PARTS)}, or names of cases; the others are left out",
-    )
-    parser.add_argument(
-        "--small", action="store_true", help="a few small cases, in less than a minute"
-    )
-    add_case_arguments(parser, 1800.0, "case")
+    small = "a few small cases, in less than a minute"
+    add_case_arguments(parser, 1800.0, "case", data=BESIDES, parts=PARTS, small=small)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -266,14 +252,11 @@ def run(options: argparse.Namespace) -> int:
     folder = Path(options.output)
     (folder / "cases").mkdir(parents=True, exist_ok=True)
     asked = [one for one in ASKED if one.small == options.small]
-    if options.only:
-        check_names(options.only, asked, PARTS)
-        asked = [one for one in asked if one.part in options.only or one.name in options.only]
+    asked = chosen_cases(asked, options.only, PARTS)
     bodies, missing = read_bodies(MADE, READ, options.data, {one.body for one in asked})
     cases = [Case(one, bodies[one.body]) for one in asked if one.body in bodies]
     # two cases at a time, one thread each: their seconds do not depend on one another
-    for name in THREADS:
-        os.environ.setdefault(name, "1")
+    one_thread_each()
     runner = Runner(folder, options.time_limit, options.again)
     if not options.gather:
         runner.run(cases)
@@ -361,9 +344,9 @@ class Runner(fem.Runner):
         self.screen = Screen()
         self.python = worker_python()
 
-    def _start(self, case: Case) -> tuple[CaseJob, Case, float]:
+    def _start(self, case: Case) -> tuple[RateJob, Case, float]:
         (self.cases / f"{case.name}.json").unlink(missing_ok=True)
-        job = CaseJob(case.faces, name=case.name, options=self._task(case), python=self.python)
+        job = RateJob(case.faces, name=case.name, options=self._task(case), python=self.python)
         job.prepare()
         job.start()
         return job, case, time.perf_counter()

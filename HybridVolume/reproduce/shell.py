@@ -23,9 +23,9 @@ from typing import TYPE_CHECKING, Any
 from HybridVolume.completion import Screen
 from HybridVolume.errors import HybridVolumeError, InputError, WorkerError
 from HybridVolume.freecad_python import import_freecad
-from HybridVolume.job import Job, worker_python
+from HybridVolume.job import worker_python
 
-from .cases import add_case_arguments
+from .cases import BESIDES, CaseJob, add_case_arguments, one_thread_each
 from .midstructure import BESIDE, EXAMPLES, Entry, body_files, read_entries, write_json
 from .shell_bodies import RIVALS_FILE, SPEED_BODY, no_shell
 
@@ -44,19 +44,14 @@ PAPER_LEVELS = (0.1, 0.3, 0.5, 0.7)
 RIVAL_LEVELS = (0.1, 0.5)
 """Levels of our shells whose mean thickness other meshers are asked for."""
 LAYERS = 2
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 RUNNING = 2
 """Bodies that are worked on side by side."""
 
 
-class CaseJob(Job):
+class BodyJob(CaseJob):
     """The cases of one body; each is written to the folder of cases when it is finished."""
 
     module = "HybridVolume.reproduce.shell_case"
-
-    def answers(self) -> list[str]:
-        """Nothing besides the cases."""
-        return []
 
 
 @dataclass
@@ -108,12 +103,6 @@ _FREE = "HYBRIDVOLUME_FREE_ONLY"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the command line takes."""
     parser.add_argument(
-        "--data",
-        nargs="+",
-        metavar="FILE|DIR",
-        help="STEP and BREP files, or folders of them, besides the example",
-    )
-    parser.add_argument(
         "--body", action="append", metavar="NAME", help="this body only (repeatable)"
     )
     parser.add_argument(
@@ -129,7 +118,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--parts", nargs="+", choices=PARTS, default=PARTS, help="leave the other parts out"
     )
-    add_case_arguments(parser, 600.0, "body")
+    add_case_arguments(parser, 600.0, "body", data=BESIDES)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -168,8 +157,7 @@ def run(options: argparse.Namespace) -> int:
     folder = Path(options.output)
     (folder / "cases").mkdir(parents=True, exist_ok=True)
     # two bodies at a time, one thread each: their seconds do not depend on one another
-    for name in THREADS:
-        os.environ.setdefault(name, "1")
+    one_thread_each()
     runner = Runner(folder, options.time_limit, options.again)
     open_cases: list[str] = []
     if options.gather:
@@ -299,7 +287,7 @@ class Runner:
     def run(self, bodies: Sequence[Body]) -> None:
         """Make all cases that are not finished."""
         waiting = [body for body in bodies if self._open(body)]
-        running: list[tuple[CaseJob, Body, float]] = []
+        running: list[tuple[BodyJob, Body, float]] = []
         done = len(bodies) - len(waiting)
         if done:
             self.screen.line(f"{done} of {len(bodies)} bodies finished before")
@@ -323,8 +311,8 @@ class Runner:
                 del body.asked[name]
         return names
 
-    def _start(self, body: Body) -> tuple[CaseJob, Body, float]:
-        job = CaseJob(
+    def _start(self, body: Body) -> tuple[BodyJob, Body, float]:
+        job = BodyJob(
             body.faces,
             name=body.name,
             options={
@@ -357,7 +345,7 @@ class Runner:
         except HybridVolumeError as error:
             self.screen.line(f"{body.name}: not for other meshers: {error.line}")
 
-    def _ended(self, job: CaseJob, body: Body, started: float) -> bool:
+    def _ended(self, job: BodyJob, body: Body, started: float) -> bool:
         """Whether a body's process is over; cases that it did not make are told."""
         for news in job.poll(wait=0.1):
             if news.stage == "case":

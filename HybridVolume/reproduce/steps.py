@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import os
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -22,12 +21,18 @@ from typing import Any
 
 from HybridVolume.errors import WorkerError
 from HybridVolume.freecad_python import import_freecad
-from HybridVolume.job import Job
 
-from .cases import add_case_arguments, check_names, told_figures
+from .cases import (
+    CaseJob,
+    add_case_arguments,
+    chosen_cases,
+    digest_of,
+    one_thread_each,
+    told_figures,
+)
 from .fem import Runner
 from .midstructure import PROJECT, write_json
-from .shell import THREADS, machine
+from .shell import machine
 from .steps_bodies import BODIES
 
 VERSION = 1
@@ -49,14 +54,10 @@ measuring."""
 _SOURCES = ("core/**/*.py", "sources/*.py", "objects/*.py", "*.py")
 
 
-class CaseJob(Job):
+class StepJob(CaseJob):
     """One body; its process writes it to the folder of cases."""
 
     module = "HybridVolume.reproduce.steps_case"
-
-    def answers(self) -> list[str]:
-        """Nothing besides the case."""
-        return []
 
 
 @dataclass
@@ -97,28 +98,20 @@ class Case:
 def program() -> str:
     """The program as it was when this command started."""
     package = Path(__file__).resolve().parents[1]
-    digest = hashlib.sha256()
-    for path in sorted({path for pattern in _SOURCES for path in package.glob(pattern)}):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
+    return digest_of(path for pattern in _SOURCES for path in package.glob(pattern))[:16]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what the command line takes."""
-    parser.add_argument(
-        "--data",
-        nargs="+",
-        metavar="FILE|DIR",
-        help="STEP and BREP files, or folders that have them in a folder `trimmed` (default: "
+    add_case_arguments(
+        parser,
+        SECONDS,
+        "body, of the processor",
+        data="STEP and BREP files, or folders that have them in a folder `trimmed` (default: "
         "../shared/data)",
+        parts=PARTS,
+        example="names of bodies as drilled",
     )
-    parser.add_argument(
-        "--only",
-        nargs="+",
-        metavar="PART|NAME",
-        help=f"{', '.join(PARTS)}, or names of bodies as drilled; the others are left out",
-    )
-    add_case_arguments(parser, SECONDS, "body, of the processor")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -141,10 +134,9 @@ def run(options: argparse.Namespace) -> int:
     folder = Path(options.output)
     (folder / "cases").mkdir(parents=True, exist_ok=True)
     every, missing = all_cases(folder, options.data, options.time_limit)
-    cases = _chosen(every, options.only)
+    cases = chosen_cases(every, options.only, PARTS)
     # two bodies at a time, one thread each: their seconds do not depend on one another
-    for name in THREADS:
-        os.environ.setdefault(name, "1")
+    one_thread_each()
     longest = max((case.task["seconds_limit"] for case in cases), default=options.time_limit)
     runner = StepRunner(folder, WAIT[0] * longest + WAIT[1], options.again)
     if not options.gather:
@@ -235,24 +227,10 @@ def all_cases(
     return cases, missing
 
 
-def _chosen(cases: Sequence[Case], only: Sequence[str] | None) -> list[Case]:
-    """Cases that are asked for.
-
-    Raises
-    ------
-    InputError
-        A word is no part and no case.
-    """
-    if not only:
-        return list(cases)
-    check_names(only, cases, PARTS)
-    return [case for case in cases if case.part in only or case.name in only]
-
-
 class StepRunner(Runner):
     """Works on files, two at a time, in FreeCAD's Python."""
 
-    def _start(self, case: Case) -> tuple[CaseJob, Case, float]:
+    def _start(self, case: Case) -> tuple[StepJob, Case, float]:
         (self.cases / f"{case.name}.json").unlink(missing_ok=True)
         own = {
             **case.task,
@@ -263,7 +241,7 @@ class StepRunner(Runner):
             "key": case.key(),
             "program": program(),
         }
-        job = CaseJob((), name=case.name, options=own, python=self.python)
+        job = StepJob((), name=case.name, options=own, python=self.python)
         job.prepare()
         # FreeCAD's modules belong to the Python that runs this
         job.python = sys.executable
@@ -275,7 +253,7 @@ class StepRunner(Runner):
         found = self.read(case.name)
         return super()._finished(case) and not found["error"] and found["state"] != "failed"
 
-    def _ended(self, job: CaseJob, case: Case, started: float) -> bool:
+    def _ended(self, job: StepJob, case: Case, started: float) -> bool:
         over = super()._ended(job, case, started)
         if over:
             self.screen.line(f"{case.name}: {_words(self.read(case.name))}")

@@ -258,16 +258,13 @@ def _nodes_on_faces(mesh: Any, shape: Any, inside: list[str]) -> dict[str, Any]:
             whole += 1
         else:
             lost.append(f"Face{number}")
-        strange = [
-            e
-            for other, members in groups.items()
-            if other != number
-            for e in (members if len(there - nodes) else ())
-            if there.issuperset(mesh.getElementNodes(e))
-        ]
-        if strange:
+        others = (members for other, members in groups.items() if other != number)
+        if there - nodes and any(
+            there.issuperset(mesh.getElementNodes(e)) for members in others for e in members
+        ):
             more.append(f"Face{number}")
     return {
+        "faces_to_ask": len(shape.Faces) - len(inside),
         "faces_asked": asked,
         "faces_found": whole,
         "faces_lost": lost,
