@@ -25,6 +25,7 @@ from .hybrid import HybridVolume
 from .levels import Spacing
 from .midstructure import Midstructure, Search, find_midstructure
 from .paper import WHY, check_wishes, paper_field, paper_shell
+from .rational_spans import follow_rational
 from .reached import expected_figures, isosurface_figures, layer_heights, reached_figures
 from .refinement import divide_faces, flatten_spans
 from .sizes import wanted_lines
@@ -348,6 +349,7 @@ def midstructure_stage(
     check_faces([*options.face_factors, *options.face_sizes], surface)
     varied = [face for face, factor in options.face_factors.items() if factor != 1.0]
     body = even_as_needed(flatten_spans(divide_faces(surface, varied)), options.evenness)
+    body = follow_rational(body)
     deviation = _deviation(surface, body)
     singular = check_surface(body, lines=options.singular_lines)
     check_uncut(body)
