@@ -284,7 +284,14 @@ def wedge(answer):
     double_click(volume)
     answer["reopened"] = {"rows": [], "section": section(), "status": volume.Status}
     press("geometryToggle")
-    answer["reopened"]["rows"] = rows()
+    move_away()
+    screenshot("3_reopened")
+    # inside the top, and well away from its sides
+    top = [(6.0, 2.0), (9.0, 2.0), (12.0, 2.0), (6.0, 5.0), (9.0, 5.0), (6.0, 8.0)]
+    answer["reopened"] |= {
+        "rows": rows(),
+        "colours": [colour_at(on_screen(FreeCAD.Vector(x, y, 8.0))) for x, y in top],
+    }
     type_into(child("coverTolerance"), "0.1 mm")
     answer["another tolerance"] = {"rows": rows(), "section": section()}
     finish("OK")
@@ -313,7 +320,7 @@ def quality(doc, volume):
     }
     table.selectRow(names.index("Face5"))
     wait(300)
-    screenshot("3_quality")
+    screenshot("4_quality")
     found = {
         "faces": sorted(names),
         "elements": sum(counts.values()) == volume.Elements,
@@ -343,7 +350,7 @@ def mesh(doc, volume):
         "finer": doc.FemMesh.FemMesh.NodeCount > before,
         "status": volume.Status,
     }
-    screenshot("4_mesh")
+    screenshot("5_mesh")
     FreeCADGui.Control.closeDialog()
     wait(200)
     return found

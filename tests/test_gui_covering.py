@@ -25,7 +25,7 @@ def test_a_drilled_plate_is_checked(tmp_path):
     # 1e-4 of the diagonal, which is (24^2 + 16^2 + 8^2)^(1/2) mm
     assert found["at first"] == {"section": "Geometry: exact, or within 0.003 mm", "rows": []}
     assert found["covering"]["enabled"] == [False, True, False]
-    assert found["covering"]["stage"].startswith("faces")
+    assert found["covering"]["stage"].startswith("covering")
     assert found["cancelled"] == {
         "stage": "Cancelled",
         "meshers": [],
@@ -102,6 +102,8 @@ def test_a_wedge_goes_all_the_way(tmp_path):
     again = found["reopened"]
     assert again["rows"] == done["rows"] and again["status"] == "Up to date"
     assert again["section"] == "Geometry: 5 exact"
+    # the body was not seen since the file was opened
+    assert {hue(colour) for colour in again["colours"]} == {"green"}
     assert found["another tolerance"]["rows"] == []
     after = found["after OK"]
     assert after["tolerance"] == pytest.approx(0.1) and len(after["undo"]) == 1

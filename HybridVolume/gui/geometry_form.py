@@ -120,7 +120,7 @@ class GeometryForm:
         self._sentence = ""
         self._legend: list[tuple[str, str]] = []
         self._view: FaceKinds | None = None
-        self._marking = self._closed = False
+        self._coloured = self._marking = self._closed = False
         self._tolerance = Length(form.coverTolerance, self.forget)
         self._tolerance.step(float(f"{self._automatic:.1g}"))
         self._table = FigureTable(form.geometryTable, COLUMNS, self._mark_faces)
@@ -146,8 +146,8 @@ class GeometryForm:
 
     @property
     def coloured(self) -> bool:
-        """Whether the faces are seen in colours."""
-        return self._view is not None
+        """Whether the faces are to be seen in colours."""
+        return self._coloured
 
     def show(self, values: Mapping[str, Any]) -> None:
         """Show the property."""
@@ -235,9 +235,11 @@ class GeometryForm:
             *(form.geometryToggle.isChecked(), form.geometryColours.isChecked()),
         )
         if all(wanted) and self._view is None and not is_deleted(self._source):
+            # first the body is shown: one that was not seen since its file was opened has no nodes
+            self._coloured = True
+            self._opened()
             kinds = {row.face: row.kind for row in self._rows}
             self._view = FaceKinds(self._source, kinds, self._legend)
-            self._opened()
         elif not all(wanted):
             self._leave_view()
 
@@ -245,6 +247,7 @@ class GeometryForm:
         if self._view is not None:
             self._view.close()
             self._view = None
+            self._coloured = False
             self._opened()
 
     # Table and selection say the same.
