@@ -9,7 +9,6 @@ folded, or too far from the CAD face, gets more intervals, and all is made again
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,16 +16,26 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ...errors import HybridVolumeError, InputError, SingularSurfaceError
+from ...errors import (
+    FaultError,
+    GapError,
+    HybridVolumeError,
+    InputError,
+    OpenBodyError,
+    OrientationError,
+    SingularSurfaceError,
+    TJunctionError,
+)
 from ..assembly import build_surface
 from ..check import check_surface
 from ..surface import SplineFace
 from .coons import homogeneous_nets
+from .effort import Effort
 from .extent import control_points
 from .geometry import SplineCurve
 from .intervals import assign_intervals, lower_bounds
 from .iso_sides import order_rows
-from .kept import Geometry, kept
+from .kept import Geometry, Kept, kept
 from .kinds import deviations, kinds_of, piece_errors
 from .lattice import bicubic_nets
 from .outline import Outline
@@ -108,7 +117,7 @@ def cover_body(
     share : float
         Intervals are at most the diagonal by this long at first.
     seconds : float
-        No round begins that would probably end later.
+        No round begins that would probably end later; of the processor.
     progress : callable, optional
         Told the share that is done and what comes next.
     meshers : Meshers, optional
@@ -118,134 +127,255 @@ def cover_body(
     ------
     InputError
         No cover without folds, or none within the tolerance, was found; faces are named.
+    FaultError
+        Patches do not fit each other.
     """
-    diagonal = float(np.linalg.norm(np.ptp(outline.vertices, axis=0)))
-    size = diagonal / share
-    fewest = lower_bounds(outline, np.radians(turn), size)
-    geometry = Geometry.of(outline, curves, surfaces, tolerance)
-    rows = order_rows(geometry.strict, len(outline.edges))
+    search = _Search(outline, curves, surfaces, tolerance, turn, share)
     meshers = meshers or Meshers.available()
-    failure: HybridVolumeError | None = None
-    began, words, worst = time.monotonic(), "quads on all faces", []
-    unmeshed = 0
+    effort = Effort()
     for number in range(ROUNDS):
-        past = time.monotonic() - began
-        if failure is not None and past * (1.0 + 2.0 / number) > seconds:
-            raise _stopped(failure, f"after {past:.0f} s")
+        search.stop_if_late(number, effort.seconds(), seconds)
         if progress is not None:
-            progress(number / ROUNDS, f"round {number + 1}: {words}")
-        intervals, sides = assign_intervals(outline, fewest, geometry.iso, rows)
-        if failure is not None and intervals.sum() > MOST_INTERVALS:
-            raise _stopped(failure, f"with {intervals.sum()} intervals of edges")
+            progress(number / ROUNDS, f"round {number + 1}: {search.words}")
+        intervals, sides = search.intervals()
         try:
             meshed = quad_cover(
                 brep,
                 outline,
                 intervals,
                 sides,
-                size,
-                geometry.curves,
+                search.size,
+                search.geometry.curves,
                 surfaces,
-                geometry.planar,
+                search.geometry.planar,
                 meshers,
             )
         except UnmeshedError as error:
-            # too few intervals: as polygons, edges of a face may cross each other
-            failure, words = error, f"{len(error.missing)} faces not meshed"
-            unmeshed += 1
-            if unmeshed == MOST_UNMESHED:
-                raise
-            logger.info("round %d: %s", number + 1, error.line)
-            edges = np.unique(outline.edge[np.isin(outline.face, error.missing)])
-            fewest[edges] = np.maximum(fewest[edges], np.ceil(FINER * intervals[edges] + 0.1))
-            continue
-        found = kept(meshed, outline, geometry)
-        cover = found.cover
-        bicubic = bicubic_nets(cover, geometry.curves, surfaces)
-        nets = homogeneous_nets(cover, bicubic, found.rims, geometry.planar)
-        points = control_points(cover, nets)
-        if points.mean() > MANY_POINTS:
-            if not geometry.simple:
-                logger.info("%.0f control points a quad: only simple edges exact", points.mean())
-                geometry = replace(geometry, simple=True)
-                found = kept(meshed, outline, geometry)
-                cover = found.cover
-                bicubic = bicubic_nets(cover, geometry.curves, surfaces)
-                nets = homogeneous_nets(cover, bicubic, found.rims, geometry.planar)
-                points = control_points(cover, nets)
-            if points.sum() > MOST_POINTS:
-                most = np.zeros(len(surfaces))
-                np.maximum.at(most, cover.face, points)
-                raise InputError(
-                    f"joined patches would need {points.sum():.0f} control points",
-                    faces=_names(np.argsort(-most)[:8]),
-                    figure=float(points.sum()),
-                    remedy="rebuild these faces with a lower degree or fewer knots",
-                )
-        off = deviations(found, nets, geometry, curves)
-        deviation = np.zeros(len(surfaces))
-        np.maximum.at(deviation, cover.face, off)
-        factor = np.where(off > tolerance, growth(off, tolerance), 1.0)
-        worst.append(float(off.max()))
-        if worst[-1] > tolerance:
-            failure = InputError(
-                f"patches miss faces by up to {worst[-1]:.2g} mm",
-                faces=_names(np.flatnonzero(deviation > tolerance)),
-                figure=worst[-1],
+            search.add_intervals_around(error, intervals)
+        else:
+            trial = search.patches_on(meshed)
+            search.judge(trial)
+            if not np.any(trial.factor > 1.0):
+                cover = search.joined(trial)
+                if cover is not None:
+                    logger.info(
+                        "%d quads in %d patches, %d rounds",
+                        *(cover.quads, len(cover.faces), number + 1),
+                    )
+                    return cover
+            search.add_intervals(trial, intervals, shrink=bool(number % 2))
+        logger.info("round %d: %s (%s)", number + 1, search.words, search.told)
+    raise search.failed()
+
+
+@dataclass
+class _Trial:
+    """Quads of a round with their patches, and what is wrong with them.
+
+    Attributes
+    ----------
+    found : Kept
+    bicubic : (m, 4, 4, 3) array
+        Patches through points of the faces,
+    nets : list
+        and the homogeneous nets that they become.
+    factor : (m,) array
+        So many times smaller quads must be; 1 where they are good.
+    bent : (m, 2) array
+        How far they bend along their sides.
+    deviation : (nf,) array
+        Largest distance of each face's patches, mm.
+    """
+
+    found: Kept
+    bicubic: np.ndarray
+    nets: list
+    factor: np.ndarray
+    bent: np.ndarray
+    deviation: np.ndarray
+
+    @property
+    def cover(self) -> QuadCover:
+        """The quads."""
+        return self.found.cover
+
+
+class _Search:
+    """Ever finer quads on one body: what rounds hand on to the next.
+
+    Attributes
+    ----------
+    geometry : Geometry
+    size : float
+        Largest quads inside faces, mm.
+    words : str
+        What comes next.
+    """
+
+    def __init__(
+        self,
+        outline: Outline,
+        curves: Sequence[SplineCurve | None],
+        surfaces: Sequence[SplineFace],
+        tolerance: float,
+        turn: float,
+        share: float,
+    ) -> None:
+        self.outline, self.curves, self.surfaces = outline, curves, surfaces
+        self.tolerance = tolerance
+        self.size = float(np.linalg.norm(np.ptp(outline.vertices, axis=0))) / share
+        self.geometry = Geometry.of(outline, curves, surfaces, tolerance)
+        self.words = "quads on all faces"
+        self._rows = order_rows(self.geometry.strict, len(outline.edges))
+        self._fewest = lower_bounds(outline, np.radians(turn), self.size)
+        self._failure: HybridVolumeError | None = None
+        self._unmeshed = 0
+        self._worst: list[float] = []
+
+    @property
+    def told(self) -> str:
+        """Why there has to be another round."""
+        return self._failure.message if self._failure else ""
+
+    def failed(self, why: str = "") -> HybridVolumeError:
+        """The failure that is not tried to be mended any longer."""
+        failure = self._failure
+        if failure is None:
+            return FaultError("no cover, and no reason", remedy="please report this body")
+        if why:
+            failure.message += f" {why}"
+            failure.args = (failure.message,)
+        return failure
+
+    def stop_if_late(self, number: int, past: float, seconds: float) -> None:
+        """Raise the failure where another round would probably take too long."""
+        if self._failure is not None and past * (1.0 + 2.0 / number) > seconds:
+            raise self.failed(f"after {past:.0f} s")
+
+    def intervals(self) -> tuple[np.ndarray, dict[int, list[np.ndarray]]]:
+        """Intervals of the edges, and the sides of four-sided faces."""
+        found, sides = assign_intervals(self.outline, self._fewest, self.geometry.iso, self._rows)
+        if self._failure is not None and found.sum() > MOST_INTERVALS:
+            raise self.failed(f"with {found.sum()} intervals of edges")
+        return found, sides
+
+    def add_intervals_around(self, error: UnmeshedError, intervals: np.ndarray) -> None:
+        """More intervals around faces that no mesher meshes.
+
+        As polygons, edges of a face that are cut coarsely may cross each other.
+        """
+        self._failure = error
+        self._unmeshed += 1
+        if self._unmeshed == MOST_UNMESHED:
+            raise error
+        self.words = f"{len(error.missing)} faces not meshed"
+        edges = np.unique(self.outline.edge[np.isin(self.outline.face, error.missing)])
+        more = np.ceil(FINER * intervals[edges] + 0.1)
+        self._fewest[edges] = np.maximum(self._fewest[edges], more)
+
+    def patches_on(self, meshed: QuadCover) -> _Trial:
+        """Patches on quads; with simple edges only, where exact ones cost too much."""
+        trial, points = self._patches(meshed)
+        if points.mean() > MANY_POINTS and not self.geometry.simple:
+            logger.info("%.0f control points a quad: only simple edges exact", points.mean())
+            self.geometry = replace(self.geometry, simple=True)
+            trial, points = self._patches(meshed)
+        if points.sum() > MOST_POINTS:
+            most = np.zeros(len(self.surfaces))
+            np.maximum.at(most, trial.cover.face, points)
+            raise InputError(
+                f"joined patches would need {points.sum():.0f} control points",
+                faces=_names(np.argsort(-most)[:8]),
+                figure=float(points.sum()),
+                remedy="rebuild these faces with a lower degree or fewer knots",
+            )
+        return trial
+
+    def _patches(self, meshed: QuadCover) -> tuple[_Trial, np.ndarray]:
+        """Patches on quads, and how many control points each quad costs."""
+        geometry = self.geometry
+        found = kept(meshed, self.outline, geometry)
+        bicubic = bicubic_nets(found.cover, geometry.curves, self.surfaces)
+        nets = homogeneous_nets(found.cover, bicubic, found.rims, geometry.planar)
+        factor, deviation = np.ones(len(found.cover.quads)), np.zeros(len(self.surfaces))
+        trial = _Trial(found, bicubic, nets, factor, bending(bicubic), deviation)
+        return trial, control_points(found.cover, nets)
+
+    def judge(self, trial: _Trial) -> None:
+        """Find quads that are too far away, and slivers."""
+        cover = trial.cover
+        off = deviations(trial.found, trial.nets, self.geometry, self.curves)
+        np.maximum.at(trial.deviation, cover.face, off)
+        trial.factor = np.where(off > self.tolerance, growth(off, self.tolerance), 1.0)
+        self._worst.append(float(off.max()))
+        if self._worst[-1] > self.tolerance:
+            self._failure = InputError(
+                f"patches miss faces by up to {self._worst[-1]:.2g} mm",
+                faces=_names(np.flatnonzero(trial.deviation > self.tolerance)),
+                figure=self._worst[-1],
                 remedy="allow a larger deviation, or simplify these faces in the CAD program",
             )
-        slivers = _slivers(cover, outline)
+        slivers = _slivers(cover, self.outline)
         if len(slivers):
-            factor[slivers] = np.maximum(factor[slivers], FINER)
-            failure = InputError(
+            trial.factor[slivers] = np.maximum(trial.factor[slivers], FINER)
+            trial.bent[slivers] = 1.0
+            self._failure = InputError(
                 f"{len(slivers)} quads are slivers",
                 faces=_names(np.unique(cover.face[slivers])),
                 figure=float(len(slivers)),
                 remedy="merge narrow faces with their neighbours in the CAD program",
             )
-        bent = bending(bicubic)
-        bent[slivers] = 1.0
-        if not np.any(factor > 1.0):
-            joined = joined_patches(cover, nets, found.grids, surfaces)
-            try:
-                surface = build_surface(list(joined.faces))
-                check_surface(surface)
-            except SingularSurfaceError as error:
-                failure = error
-                near = _quads_near(cover, error)
-                factor[near], bent[near] = FINER, 1.0
-            else:
-                logger.info(
-                    "%d quads in %d patches, %d rounds",
-                    *(len(cover.quads), len(joined.faces), number + 1),
-                )
-                moved = np.zeros(len(surfaces))
-                np.maximum.at(moved, joined.origin, surface.moved)
-                deviation = np.maximum(deviation, piece_errors(joined, surfaces))
-                kinds = kinds_of(outline, found, geometry, deviation, moved)
-                deviation = np.maximum(deviation, moved)
-                return Cover(joined.faces, joined.origin, deviation, len(cover.quads), kinds)
-        # a finer mesh may be worse somewhere else: three in a row may not
-        if len(worst) > 5 and min(worst[-3:]) > max(tolerance, 0.9 * min(worst[:-3])):
-            raise _stopped(failure, "and finer quads come no nearer")
-        bad = np.unique(cover.face[factor > 1.0])
-        words = f"{len(cover.quads)} quads, smaller ones on {len(bad)} faces"
-        logger.info(
-            "round %d: %s (%s), %s",
-            *(number + 1, words, ", ".join(_names(bad[:12])), failure.message if failure else ""),
+
+    def joined(self, trial: _Trial) -> Cover | None:
+        """Joined patches, proved to be sound; None where quads must become smaller for that.
+
+        Raises
+        ------
+        FaultError
+            The patches, which share the curves of their sides, do not fit each other.
+        """
+        joined = joined_patches(trial.cover, trial.nets, trial.found.grids, self.surfaces)
+        try:
+            surface = build_surface(list(joined.faces))
+            check_surface(surface)
+        except SingularSurfaceError as error:
+            self._failure = error
+            near = _quads_near(trial.cover, error)
+            trial.factor[near], trial.bent[near] = FINER, 1.0
+            return None
+        except (GapError, OpenBodyError, OrientationError, TJunctionError) as error:
+            raise FaultError(
+                f"the patches do not fit each other: {error.message}",
+                faces=error.faces,
+                figure=error.figure,
+                remedy="please report this body",
+            ) from error
+        moved = np.zeros(len(self.surfaces))
+        np.maximum.at(moved, joined.origin, surface.moved)
+        deviation = np.maximum(trial.deviation, piece_errors(joined, self.surfaces))
+        kinds = kinds_of(self.outline, trial.found, self.geometry, deviation, moved)
+        return Cover(
+            joined.faces,
+            joined.origin,
+            np.maximum(deviation, moved),
+            len(trial.cover.quads),
+            kinds,
         )
-        fewest = np.maximum(fewest, more_intervals(cover, outline, intervals, factor, bent))
-        if number % 2:
-            size *= 0.75
-    assert failure is not None  # there was a last round, and it was not good
-    raise failure
 
-
-def _stopped(failure: HybridVolumeError, why: str) -> HybridVolumeError:
-    """A failure that is not tried to be mended any longer."""
-    failure.message += f" {why}"
-    failure.args = (failure.message,)
-    return failure
+    def add_intervals(self, trial: _Trial, intervals: np.ndarray, shrink: bool) -> None:
+        """More intervals where quads are bad; ``shrink``: smaller quads inside faces, too."""
+        worst = self._worst
+        # a finer mesh may be worse somewhere else: three in a row may not
+        if len(worst) > 5 and min(worst[-3:]) > max(self.tolerance, 0.9 * min(worst[:-3])):
+            raise self.failed("and finer quads come no nearer")
+        cover = trial.cover
+        bad = np.unique(cover.face[trial.factor > 1.0])
+        self.words = f"{len(cover.quads)} quads, smaller ones on {len(bad)} faces"
+        logger.info("bad quads on %s", ", ".join(_names(bad[:12])))
+        more = more_intervals(cover, self.outline, intervals, trial.factor, trial.bent)
+        self._fewest = np.maximum(self._fewest, more)
+        if shrink:
+            self.size *= 0.75
 
 
 def _slivers(cover: QuadCover, outline: Outline) -> np.ndarray:
