@@ -87,18 +87,16 @@ def _of_rows(
     areas = {kind: sum(row["area"] for row in found) for kind, found in of_kind.items()}
     whole = sum(areas.values())
     patches = sum(row["patches"] for row in rows)
-    worst = max(row["deviation"] for row in rows)
+    near = max((row["deviation"] for row in of_kind[TOLERANCE]), default=0.0)
     return {
         "patches": patches,
         "tolerance": tolerance,
-        "max_deviation": worst,
+        "max_deviation": max(row["deviation"] for row in rows),
         "counts": counts,
-        "area": {
-            kind: sum(row["area"] for row in found) / whole for kind, found in of_kind.items()
-        },
+        "area": {kind: area / whole for kind, area in areas.items()},
         "faces": rows,
         "inside": list(inside),
-        "sentence": _sentence(counts, patches, worst, tolerance, len(inside)),
+        "sentence": _sentence(counts, patches, near, tolerance, len(inside)),
     }
 
 
@@ -110,11 +108,15 @@ def _sentence(
     inside: int,
 ) -> str:
     words = {BIT: "bit for bit", EXACT: "exact", TOLERANCE: f"within {deviation:.2g} mm"}
-    faces = sum(counts.values())
     told = ", ".join(f"{counts[kind]} {words[kind]}" for kind in KINDS if counts[kind])
-    text = f"{faces} face{'' if faces == 1 else 's'}: {told}"
+    text = f"{_number(sum(counts.values()), 'face')}: {told}"
     if tolerance is None:
         return text
     allowed = f", {tolerance:.2g} mm allowed" if counts[TOLERANCE] else ""
-    left = f"; {inside} faces inside the material are left out" if inside else ""
-    return f"{text}; covered with {patches} patches{allowed}{left}"
+    left = f"; {_number(inside, 'face')} inside the material" if inside else ""
+    left += f" {'is' if inside == 1 else 'are'} left out" if inside else ""
+    return f"{text}; covered with {_number(patches, 'patch', 'patches')}{allowed}{left}"
+
+
+def _number(count: int, one: str, several: str = "") -> str:
+    return f"{count} {one if count == 1 else several or one + 's'}"

@@ -42,6 +42,18 @@ def test_faces_inside_the_material_are_left_out():
     assert found["sentence"].endswith("; 2 faces inside the material are left out")
 
 
+def test_words_of_single_things_and_of_what_is_only_rounded():
+    found = geometry_figures(
+        ["exact", "exact", "tolerance"], [1, 0, 0], [3e-9, 0.0, 2e-9], [1.0, 1.0, 1.0], 0.01, (1,)
+    )
+    # the distance is that of the face within the tolerance
+    assert found["sentence"] == (
+        "2 faces: 1 exact, 1 within 2e-09 mm; covered with 1 patch, 0.01 mm allowed; 1 face inside"
+        " the material is left out"
+    )
+    assert found["max_deviation"] == 3e-9
+
+
 def test_faces_that_were_moved_are_not_kept():
     found = with_moves(figures(), {"Face5": 0.003, "Face3": 0.001})
     assert found["counts"] == {"bit": 2, "exact": 2, "tolerance": 2}
