@@ -181,7 +181,13 @@ class ColumnEnergy:
             matrix = matrix + self.planes.stiffness()
         matrix = matrix[self.free][:, self.free]
         matrix = matrix + 1e-12 * matrix.diagonal().mean() * sparse.eye(len(self.free))
-        solve = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+        # positive definite: exchanging rows would only spoil the order and fill the factors
+        solve = splu(
+            matrix.tocsc(),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
         return lambda flat: solve.solve(flat.reshape(-1, 3)).ravel()
 
     def least_determinant(self, flat: np.ndarray) -> float:
