@@ -19,6 +19,7 @@ import Part
 
 from HybridVolume.errors import FaultError
 
+from .face_boxes import in_boxes
 from .fem_mesh import MeshArrays
 from .node_places import Places
 from .node_search import SAMPLED_NODES, Found, Search, far, number_of, spread_out
@@ -40,6 +41,9 @@ _NAMED = 12
 
 _NARROWEST = 1e-6
 """Smallest tolerance that is given to a face, mm."""
+
+_ROUNDS = 3
+"""So often faces on which nodes are missed still get wider tolerances."""
 
 _ROOM = (2.0, 1.1)
 """Tolerances that are tried, as multiples of the distances of nodes: the next one where a face
@@ -80,6 +84,9 @@ class Coverage:
     widened : tuple of str
         Faces that have a wider tolerance in the copy because the patches on them were allowed to
         be beside them.
+    converted : tuple of str
+        Faces that are B-spline faces in the copy, because FreeCAD looks for nodes in a box that is
+        smaller than the face as it was.
     """
 
     copy: Any | None
@@ -95,6 +102,7 @@ class Coverage:
     inside: tuple[str, ...] = ()
     crowded: tuple[str, ...] = ()
     widened: tuple[str, ...] = ()
+    converted: tuple[str, ...] = ()
 
     @property
     def notes(self) -> list[str]:
@@ -117,6 +125,13 @@ class Coverage:
                 f" {'has' if len(self.widened) == 1 else 'have'} a tolerance of up to"
                 f" {self.tolerance:.2g} mm there, for the mesh's nodes are up to"
                 f" {self.distance or 0.0:.2g} mm beside the CAD faces"
+            )
+        if self.converted:
+            one = len(self.converted) == 1
+            told.append(
+                f"loads and supports go on a copy of the body: {_listed(self.converted)}"
+                f" {'is a B-spline face' if one else 'are B-spline faces'} there, for FreeCAD looks"
+                f" for nodes in a box that is smaller than the {'face' if one else 'faces'}"
             )
         return told
 
@@ -171,18 +186,19 @@ def cover(
     measured = dict.fromkeys(known, 0.0)
     if places is not None:
         measured = places.distances(known, arrays.nodes)
+    shape, converted, outside = in_boxes(arrays.nodes, known, shape)
     found = Search(arrays, known, shape, seconds, spread=places is not None).result
     # not only just within the tolerance
     allowed = {f"Face{n}": 0.9 * face.Tolerance for n, face in enumerate(shape.Faces, start=1)}
     beside = {name: value for name, value in measured.items() if value >= allowed[name]}
-    copy, widened = None, []
-    if beside or found.bad or found.lost:
+    copy, widened = shape if converted else None, []
+    if beside or found.bad or found.lost or outside:
         slack = BEYOND * places.tolerance if places is not None else 0.0
         widest = max(WIDEST * shape.BoundBox.DiagonalLength, slack)
-        copy, wider = _widened(arrays, known, shape, seconds, found, beside, widest)
-        if copy is not None:
+        wide, wider = _widened(arrays, known, shape, seconds, found, beside, outside, widest)
+        if wide is not None:
             widened = sorted(beside, key=number_of) if slack else []
-            found, beside = wider, {}
+            copy, found, beside = wide, wider, {}
     if places is None:
         # nothing but the search tells where the nodes are
         beside |= _off(arrays, known, shape, found.bad)
@@ -221,6 +237,7 @@ def cover(
         inside=(*walls, *(name for name in found.lost if name in found.inside)),
         crowded=tuple(crowded),
         widened=tuple(widened),
+        converted=tuple(converted),
     )
     for note in coverage.notes:
         logger.warning("%s", note)
@@ -234,17 +251,52 @@ def _widened(
     seconds: float,
     found: Found,
     beside: Mapping[str, float],
+    outside: Mapping[str, float],
     widest: float,
 ) -> tuple[Any, Found] | tuple[None, None]:
     """A copy of a shape with wider tolerances and what is found on it; None where none helps.
 
     ``widest`` is the largest tolerance that may be given, mm.
     """
-    missed = _off(arrays, known, shape, [name for name in found.bad if name not in beside])
-    needed = {k: v for k, v in {**missed, **found.off}.items() if 2.0 * v <= widest}
-    needed |= beside
-    if not needed or 2.0 * max(needed.values()) > widest:
+    needed: dict[str, float] = {}
+    copy, wider = None, found
+    for _ in range(_ROUNDS):
+        # faces after the first bad one are looked at in full only once that one is mended
+        missed = {
+            name: max(off, outside.get(name, 0.0))
+            for name, off in _off(arrays, wider.missed, shape, wider.bad).items()
+            if name not in beside
+        }
+        more = {k: v for k, v in {**missed, **wider.off}.items() if 2.0 * v <= widest}
+        more = {k: v for k, v in more.items() if k not in needed}
+        if copy is None:
+            more |= {k: v for k, v in outside.items() if 2.0 * v <= widest} | dict(beside)
+        if not more:
+            break
+        needed |= more
+        if 2.0 * max(needed.values()) > widest:
+            return None, None
+        copy, wider = _copy_with(arrays, known, shape, seconds, needed, beside)
+        if not wider.bad and not wider.lost:
+            break
+    if copy is None:
         return None, None
+    if wider.strangers and not beside:
+        # some nodes that are missed do less harm than loads on neighbours
+        return None, None
+    fewer = len(wider.bad) + len(wider.lost) < len(found.bad) + len(found.lost)
+    return (copy, wider) if beside or fewer else (None, None)
+
+
+def _copy_with(
+    arrays: MeshArrays,
+    known: Mapping[str, np.ndarray],
+    shape: Any,
+    seconds: float,
+    needed: Mapping[str, float],
+    beside: Mapping[str, float],
+) -> tuple[Any, Found]:
+    """A copy whose parts are as wide as is needed, mm, and what is found on it."""
     for room in _ROOM:
         copy = shape.copy()
         for name, value in needed.items():
@@ -255,8 +307,7 @@ def _widened(
         wider = Search(arrays, known, copy, seconds, wide=beside).result
         if not wider.strangers:
             break
-    fewer = len(wider.bad) + len(wider.lost) < len(found.bad) + len(found.lost)
-    return (copy, wider) if beside or fewer else (None, None)
+    return copy, wider
 
 
 def _off(

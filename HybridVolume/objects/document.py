@@ -192,10 +192,11 @@ def insert_mesh(
             remedy="give a copy of the body outside of the container",
         )
     prepared = PreparedMesh(fem, read, surface)
-    if prepared.coverage is not None and prepared.coverage.copy is not None:
+    coverage = prepared.coverage
+    if coverage is not None and coverage.copy is not None and not coverage.converted:
         raise FaultError(
             "mesh nodes lie beside the body's faces by more than their tolerance",
-            figure=prepared.coverage.tolerance,
+            figure=coverage.tolerance,
             remedy="widen the body's tolerance with Shape.fixTolerance",
         )
     with transaction(doc, "Add the FEM mesh"):
@@ -204,7 +205,8 @@ def insert_mesh(
         _set_density(obj, fem)
         prepared.fill(obj)
         if body is not None:
-            obj.Lost = list(prepared.coverage.lost)
+            # loads go on the body itself here
+            obj.Lost = [*coverage.lost, *coverage.converted]
             obj.ComputedFrom = inputs_of_mesh(obj)
         obj.Status = UP_TO_DATE
         if obj.ViewObject:

@@ -40,6 +40,8 @@ class Found:
     ----------
     bad : list of str
         Faces on which nodes are not found.
+    missed : dict of str to int array
+        Nodes that were looked for on these faces and not found.
     strangers : list of str
         Faces on which a triangle of another face is found too, or a node inside the body.
     lost : list of str
@@ -53,6 +55,7 @@ class Found:
     """
 
     bad: list[str] = field(default_factory=list)
+    missed: dict[str, np.ndarray] = field(default_factory=dict)
     strangers: list[str] = field(default_factory=list)
     lost: list[str] = field(default_factory=list)
     inside: set[str] = field(default_factory=set)
@@ -130,7 +133,10 @@ class Search:
         self.result.strangers = self._strangers()
 
     def _missing(self, name: str, nodes: np.ndarray) -> bool:
-        return len(self._find(name, "Face", nodes)) != len(nodes)
+        missed = np.setdiff1d(nodes, self._find(name, "Face", nodes))
+        if len(missed):
+            self.result.missed[name] = missed
+        return bool(len(missed))
 
     def _strangers(self) -> list[str]:
         """Faces on which a whole triangle of another face lies as well."""

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: LGPL-2.1-or-later
+# SPDX-FileCopyrightText: The HybridVolume authors
+"""Nodes of faces that reach out of the box in which FreeCAD looks for them are found on a copy."""
+
+import numpy as np
+import pytest
+
+from HybridVolume.errors import SetupError
+
+try:
+    from HybridVolume.freecad_python import import_freecad
+
+    FreeCAD = import_freecad()
+except SetupError as missing:
+    pytest.skip(missing.message, allow_module_level=True)
+
+import Part
+
+from HybridVolume.objects.coverage import cover
+from HybridVolume.objects.fem_mesh import MeshArrays, build
+
+POLES = ((20, 0), (9, 13), (-5, 15), (-12, 4), (-9, -12), (8, -11))
+HEIGHT = 8.0
+AROUND, UP = 60, 4
+
+
+@pytest.fixture(params=[0.0, 37.0], ids=["as drawn", "turned"])
+def cam(request):
+    """A closed extruded spline with a mesh of triangles on it: wall, bottom, top."""
+    curve = Part.BSplineCurve()
+    poles = [FreeCAD.Vector(x, y, 0.0) for x, y in POLES]
+    curve.buildFromPolesMultsKnots(poles, [1] * 7, list(range(7)), True, 3)
+    solid = Part.Face(Part.Wire(curve.toShape())).extrude(FreeCAD.Vector(0.0, 0.0, HEIGHT))
+    t = np.linspace(0.0, 6.0, AROUND, endpoint=False)
+    ring = np.array([tuple(curve.value(x)) for x in t.tolist()])
+    nodes = np.concatenate([ring + [0.0, 0.0, z] for z in np.linspace(0.0, HEIGHT, UP)])
+    ends = ring.mean(axis=0) + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, HEIGHT]])
+    number = np.arange(UP * AROUND).reshape(UP, AROUND)
+    after = np.roll(number, -1, axis=1)
+    low = np.stack([number[:-1], after[:-1], after[1:]], axis=2).reshape(-1, 3)
+    high = np.stack([number[:-1], after[1:], number[1:]], axis=2).reshape(-1, 3)
+    discs = [
+        np.column_stack([number[row], after[row], np.full(AROUND, UP * AROUND + k)])
+        for k, row in enumerate((0, -1))
+    ]
+    nodes = np.concatenate([nodes, ends])
+    rows = {}
+    for k, face in enumerate(solid.Faces, start=1):
+        flat = face.Surface.TypeId == "Part::GeomPlane"
+        own = discs[int(face.CenterOfMass.z > 1.0)] if flat else np.concatenate([low, high])
+        rows[f"Face{k}"] = ("tri3", own)
+    axis = FreeCAD.Vector(1.0, 2.0, 3.0)
+    solid.rotate(FreeCAD.Vector(), axis, request.param)
+    turn = FreeCAD.Rotation(axis, request.param)
+    nodes = np.array([tuple(turn.multVec(FreeCAD.Vector(*point))) for point in nodes.tolist()])
+    return solid, MeshArrays(nodes, {}, rows)
+
+
+def test_nodes_at_the_rim_of_an_extruded_spline_are_found(cam):
+    solid, arrays = cam
+    wall = next(
+        k for k, face in enumerate(solid.Faces, start=1) if "Extrusion" in face.Surface.TypeId
+    )
+    mesh = build(arrays)
+    known = {name: set((np.unique(rows) + 1).tolist()) for name, (_, rows) in arrays.faces.items()}
+    missed = known[f"Face{wall}"] - set(mesh.getNodesByFace(solid.Faces[wall - 1]))
+    assert missed  # FreeCAD's own search on the body
+    found = cover(arrays, solid)
+    assert found.converted == (f"Face{wall}",) and found.lost == () and found.faces == 3
+    assert any(f"Face{wall}" in note and "B-spline" in note for note in found.notes)
+    for number, face in enumerate(found.copy.Faces, start=1):
+        assert set(mesh.getNodesByFace(face)) == known[f"Face{number}"]
+        assert face.CenterOfMass.distanceToPoint(solid.Faces[number - 1].CenterOfMass) < 1e-2
+    assert found.copy.isValid() and found.copy.isClosed()
+    # the plane ends stay planes, in which FreeCAD searches fast
+    kinds = sorted(face.Surface.TypeId for face in found.copy.Faces)
+    assert kinds == ["Part::GeomBSplineSurface", "Part::GeomPlane", "Part::GeomPlane"]
+    for number, edge in enumerate(found.copy.Edges, start=1):
+        other = solid.Edges[number - 1]
+        assert len(mesh.getNodesByEdge(edge)) == len(mesh.getNodesByEdge(other)) > 1
