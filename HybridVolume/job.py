@@ -43,7 +43,13 @@ from HybridVolume.protocol import (
     exported_files,
     parse_line,
 )
-from HybridVolume.worker_process import PREFERENCES, WorkerProcess, tail, worker_python
+from HybridVolume.worker_process import (
+    PREFERENCES,
+    WorkerProcess,
+    tail,
+    wait_for,
+    worker_python,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -273,16 +279,7 @@ class Job:
             What the worker found, or :class:`WorkerError` where it died; a fault carries the
             worker's log as a note.
         """
-        try:
-            self.start()
-            while self.state == "running":
-                for news in self.poll(wait=0.1):
-                    if progress:
-                        progress(news)
-        except BaseException:
-            # Ctrl-C, or a fault in the caller's progress: the worker must not go on.
-            self.cancel()
-            raise
+        wait_for(self, progress)
         if self.error:
             if self.log and self.error.code in ("fault", "mesher", "worker"):
                 self.error.add_note(self.log)

@@ -14,8 +14,9 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from HybridVolume import environment
 from HybridVolume.errors import SetupError, WorkerError
@@ -235,3 +236,40 @@ def tail(path: Path, size: int = 20000) -> str:
             return file.read().decode("utf-8", "replace")
     except OSError:
         return ""
+
+
+class Work(Protocol):
+    """What goes on in a process of its own, and is looked at now and then."""
+
+    state: str
+
+    def start(self) -> None:
+        """Begin."""
+
+    def poll(self, wait: float = 0.0) -> list[Any]:
+        """Tell what is new, after some seconds at most, and update the state."""
+
+    def cancel(self) -> None:
+        """End it."""
+
+
+def wait_for(work: Work, progress: Callable[[Any], None] | None = None) -> None:
+    """Start some work unless it is running, and wait until it is not any more.
+
+    Parameters
+    ----------
+    work : Work
+    progress : callable, optional
+        Called with what is new.
+    """
+    try:
+        if work.state != "running":
+            work.start()
+        while work.state == "running":
+            for news in work.poll(wait=0.1):
+                if progress:
+                    progress(news)
+    except BaseException:
+        # Ctrl-C, or a fault in the caller's progress: the process must not go on
+        work.cancel()
+        raise

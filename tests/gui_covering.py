@@ -3,9 +3,7 @@
 """A body of trimmed faces in the volume's panel, by hand; test_gui_covering.py judges."""
 
 import math
-import os
 import time
-from pathlib import Path
 
 import FreeCAD
 import FreeCADGui
@@ -33,6 +31,7 @@ from gui_scenarios import (
     state,
     wait,
     wait_for,
+    workers,
 )
 from gui_thickness import (
     child,
@@ -89,17 +88,7 @@ def colours():
 
 def meshers():
     """Processes of this FreeCAD that cover faces."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                command = (entry / "cmdline").read_bytes()
-                parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
-            except OSError:
-                continue
-            if parent == os.getpid() and b"covering" in command:
-                found.append(int(entry.name))
-    return found
+    return workers(b"covering")
 
 
 def rows():
@@ -286,12 +275,7 @@ def wedge(answer):
     press("geometryToggle")
     move_away()
     screenshot("3_reopened")
-    # inside the top, and well away from its sides
-    top = [(6.0, 2.0), (9.0, 2.0), (12.0, 2.0), (6.0, 5.0), (9.0, 5.0), (6.0, 8.0)]
-    answer["reopened"] |= {
-        "rows": rows(),
-        "colours": [colour_at(on_screen(FreeCAD.Vector(x, y, 8.0))) for x, y in top],
-    }
+    answer["reopened"] |= {"rows": rows(), "coloured": coloured_faces(doc.Wedge)}
     type_into(child("coverTolerance"), "0.1 mm")
     answer["another tolerance"] = {"rows": rows(), "section": section()}
     finish("OK")
@@ -367,6 +351,23 @@ def move_away():
     """Put the mouse where it picks nothing."""
     move(panel().mapToGlobal(QtCore.QPoint(5, 5)))
     wait(300)
+
+
+def coloured_faces(body):
+    """How many faces of a body FreeCAD itself draws in colours of their own."""
+    from pivy import coin
+
+    search = coin.SoSearchAction()
+    search.setType(coin.SoType.fromName("SoBrepFaceSet"))
+    search.setSearchingAll(True)
+    search.apply(body.ViewObject.RootNode)
+    path = search.getPath()
+    if path is None:
+        return 0
+    group = path.getNodeFromTail(1)
+    before = group.getChild(group.findChild(path.getTail()) - 1)
+    is_material = before.isOfType(coin.SoMaterial.getClassTypeId())
+    return before.getField("diffuseColor").getNum() if is_material else 0
 
 
 def places_below(body):

@@ -58,8 +58,8 @@ def screenshot(name):
     subprocess.run(["import", "-window", "root", str(FOLDER / f"{name}.png")], check=False)
 
 
-def workers():
-    """Worker processes of this FreeCAD."""
+def workers(words=b"HybridVolume.worker"):
+    """Processes that this FreeCAD started with some words in their command line."""
     found = []
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
@@ -68,7 +68,7 @@ def workers():
                 parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
             except OSError:
                 continue
-            if parent == os.getpid() and b"HybridVolume.worker" in command:
+            if parent == os.getpid() and words in command:
                 found.append(int(entry.name))
     return found
 

@@ -63,7 +63,10 @@ class RunPanel(Panel):
         self.form.stage.setText(text)
 
     def _write(self, line: str) -> None:
-        self.form.log.appendPlainText(line)
+        log = self.form.log
+        log.appendPlainText(line)
+        # Qt itself stays behind once the panel has become lower
+        log.verticalScrollBar().setValue(log.verticalScrollBar().maximum())
         FreeCAD.Console.PrintLog(f"HybridVolume: {line}\n")
 
     def _write_error(self, error: HybridVolumeError, log: str = "") -> None:

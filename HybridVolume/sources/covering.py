@@ -31,7 +31,7 @@ from ..core.covering.kinds import BIT, EXACT, kinds_of_origins
 from ..core.covering.limits import ended, too_long
 from ..core.surface import SplineFace
 from ..protocol import Progress, parse_line
-from ..worker_process import WorkerProcess, tail, worker_python
+from ..worker_process import WorkerProcess, tail, wait_for, worker_python
 from .agreement import largest_distance
 from .covered import Covered, allowed_deviation
 from .exact_geometry import curves_of, surfaces_of
@@ -179,16 +179,8 @@ class Covering:
         HybridVolumeError
             As :meth:`result`.
         """
-        try:
-            if self.state == "new":
-                self.start()
-            while self.state == "running":
-                for news in self.poll(wait=0.1):
-                    if progress:
-                        progress(news)
-        except BaseException:
-            self.cancel()
-            raise
+        if self.state in ("new", "running"):
+            wait_for(self, progress)
         return self.result()
 
     def cancel(self) -> None:
