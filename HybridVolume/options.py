@@ -101,14 +101,15 @@ def _add_cover(p: Parser) -> None:
         "how trimmed faces, seams, poles and T-junctions of a solid become four-sided patches; "
         "report.json says of every face whether it is kept bit for bit, exactly, or how closely",
     )
-    group.add_argument(
+    either = group.add_mutually_exclusive_group()
+    either.add_argument(
         "--cover-tolerance",
         type=words.length,
         metavar="MM",
         help="largest distance of patches from such faces; it is met or the body refused "
         "(default: 1e-4 of the diagonal)",
     )
-    group.add_argument(
+    either.add_argument(
         "--no-cover",
         action="store_false",
         dest="cover",

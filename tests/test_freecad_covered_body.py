@@ -270,6 +270,10 @@ def test_the_document_says_what_became_of_each_face(volume, covered, tmp_path):
     assert volume.Patches == len(surface.patches) and "2 exact" in volume.FacesKept
     assert volume.FaceDeviation.Value == pytest.approx(body.cover.deviation.max(), rel=1e-6)
     colours = face_colours(volume)
+    # a kind of property that FreeCAD's property editor shows
+    assert volume.getTypeIdOfProperty("FaceGeometry") == "App::PropertyStringList"
+    assert [line.split(" = ")[0] for line in volume.FaceGeometry] == ["Face1", "Face2", "Face3"]
+    assert list(colours) == ["Face1", "Face2", "Face3"]
     assert [one.kind for one in colours.values()] == list(body.cover.kinds)
     assert [one.patches for one in colours.values()] == np.bincount(body.cover.origin).tolist()
     worst = max(one.deviation for one in colours.values())

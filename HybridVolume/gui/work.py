@@ -12,24 +12,12 @@ from typing import Any
 from PySide import QtCore, QtGui
 
 from HybridVolume import environment, sources
-from HybridVolume.errors import (
-    DegenerateSideError,
-    InexactFaceError,
-    SeamError,
-    TJunctionError,
-    TrimmedFaceError,
-)
 from HybridVolume.job import worker_python
 from HybridVolume.sources import global_shape
+from HybridVolume.sources.untrimmed import COVERED
 
 from . import messages, preferences, red_places
 from .setup import EnvironmentSetup, question
-
-COVERED = (
-    *(TrimmedFaceError, SeamError, DegenerateSideError),
-    *(TJunctionError, InexactFaceError),
-)
-"""Faces for which a body is not taken as it is, but covered with patches."""
 
 NO_ENVIRONMENT = "Not started: there is no environment to compute in"
 

@@ -38,8 +38,9 @@ PROPERTIES = {
         "How many faces are kept bit for bit, exactly, or within a tolerance.",
         mode=("ReadOnly",),
     ),
+    # FreeCAD's property editor shows lists of texts, but no maps
     "FaceGeometry": Property(
-        "App::PropertyMap",
+        "App::PropertyStringList",
         _FACES,
         "Whether each face is kept bit for bit, exactly, or within so many mm, and its patches.",
         mode=("ReadOnly",),
@@ -82,7 +83,7 @@ DEFAULTS: dict[str, Any] = {COVER: 0.0}
 """Values of the parameters among them as plain numbers; mm."""
 
 _WORDS = {"bit": "bit for bit", "exact": "exact", "tolerance": "within {} mm"}
-_TEXT = re.compile(r"(bit for bit|exact|within ([0-9.e+-]+) mm), (\d+) patch(?:es)?")
+_TEXT = re.compile(r"(Face\d+) = (bit for bit|exact|within ([0-9.e+-]+) mm), (\d+) patch(?:es)?")
 
 
 @dataclass(frozen=True)
@@ -170,7 +171,7 @@ def fill(obj: Any, geometry: Mapping[str, Any] | None) -> None:
     geometry = geometry or {}
     counts = geometry.get("counts", {})
     obj.FacesKept = geometry.get("sentence", "")
-    obj.FaceGeometry = {row["name"]: _text(row) for row in geometry.get("faces", ())}
+    obj.FaceGeometry = [f"{row['name']} = {_text(row)}" for row in geometry.get("faces", ())]
     obj.FacesBit = int(counts.get("bit", 0))
     obj.FacesExact = int(counts.get("exact", 0))
     obj.FacesTolerance = int(counts.get("tolerance", 0))
@@ -199,9 +200,10 @@ def face_colours(obj: Any) -> dict[str, FaceColour]:
     """
     kinds = {words: kind for kind, words in _WORDS.items()}
     found = {}
-    for name, text in getattr(obj, "FaceGeometry", {}).items():
-        match = _TEXT.fullmatch(text)
+    for line in getattr(obj, "FaceGeometry", ()):
+        match = _TEXT.fullmatch(line)
         if match:
-            kind = kinds.get(match[1], "tolerance")
-            found[name] = FaceColour(kind, float(match[2] or 0.0), int(match[3]))
-    return dict(sorted(found.items(), key=lambda item: int(item[0].removeprefix("Face"))))
+            name, words, deviation, patches = match.groups()
+            kind = kinds.get(words, "tolerance")
+            found[name] = FaceColour(kind, float(deviation or 0.0), int(patches))
+    return found

@@ -47,7 +47,7 @@ def read_file(
         if keywords.get("tolerance") is not None:
             raise InputError(
                 f"{Path(path).name} is a mesh: it needs no cover",
-                remedy="leave its tolerance out",
+                remedy="leave the cover's tolerance out",
             )
         return read_mesh(path, surfacing)
     if surfacing not in (None, Surfacing()):
