@@ -2,6 +2,8 @@
 # SPDX-FileCopyrightText: The HybridVolume authors
 """Corners at equal parameters, exact sides with knots and weights, planes between them."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from HybridVolume.core import bspline
 from HybridVolume.core.covering.coons import homogeneous_nets
 from HybridVolume.core.covering.geometry import SplineCurve
 from HybridVolume.core.covering.iso_sides import IsoSides, order_rows
+from HybridVolume.core.covering.kinds import border_gaps
 from HybridVolume.core.covering.places import edge_chains, spread_places
 from HybridVolume.core.covering.quad_mesh import QuadCover
 from HybridVolume.core.covering.rims import rims_of
@@ -100,3 +103,23 @@ def test_quads_between_arcs_have_the_arcs_as_sides(weight):
         assert radius[:, -1] == pytest.approx(2.0, abs=1e-14)
         seen += len(nets.quads)
     assert seen == 2
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-3])
+def test_faces_tell_how_far_the_edges_of_the_file_miss_the_face_beside_them(size):
+    """The cubic with the tangent .5522847 is off a quarter circle by 2.7253e-4 of the radius."""
+    circle, kappa = arc(1.0), 0.5522847
+    cubic = np.array([[1.0, 0, 0], [1, kappa, 0], [kappa, 1, 0], [0, 1, 0]])
+    circle = SplineCurve(2, circle.knots, size * circle.control_points, circle.weights)
+    given = SplineCurve(3, np.repeat([0.0, 1.0], 4), size * cubic, np.ones(4))
+    side = line([0, 0, 0], [0, 0, size])
+    # a wall, which keeps its parameters, a plane beside the arc, and a face beside the line only
+    outline = SimpleNamespace(
+        vertices=size * np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]]),
+        face=np.array([0, 0, 1, 2]),
+        edge=np.array([0, 1, 0, 1]),
+    )
+    geometry = SimpleNamespace(curves=(circle, side), surfaces=(None,) * 3)
+    found = SimpleNamespace(grids={0: None})
+    gaps = border_gaps(outline, found, geometry, [given, side])
+    assert gaps == pytest.approx([0.0, 2.7253e-4 * size, 0.0], rel=1e-2)  # of 65 samples

@@ -36,7 +36,7 @@ from .geometry import SplineCurve
 from .intervals import assign_intervals, lower_bounds
 from .iso_sides import order_rows
 from .kept import Geometry, Kept, kept
-from .kinds import deviations, kinds_of, piece_errors
+from .kinds import border_gaps, deviations, kinds_of, piece_errors
 from .lattice import bicubic_nets
 from .outline import Outline
 from .patches import joined_patches
@@ -353,6 +353,8 @@ class _Search:
         moved = np.zeros(len(self.surfaces))
         np.maximum.at(moved, joined.origin, surface.moved)
         deviation = np.maximum(trial.deviation, piece_errors(joined, self.surfaces))
+        gaps = border_gaps(self.outline, trial.found, self.geometry, self.curves)
+        deviation = np.maximum(deviation, gaps)
         kinds = kinds_of(self.outline, trial.found, self.geometry, deviation, moved)
         return Cover(
             joined.faces,

@@ -24,6 +24,12 @@ points but for rounding; anything else."""
 ROUNDING = 1e-12
 """Largest distance of points that are the same, as a share of the diagonal."""
 
+CONFUSION = 1e-7
+"""Curves that are nearer to each other, mm, are the same for modelling kernels."""
+
+_ALONG = 65
+"""Places on an edge at which its curves are compared."""
+
 _AT = np.array([0.0, 1.0, 3.0, 5.0, 6.0]) / 6.0
 
 
@@ -112,6 +118,40 @@ def piece_errors(joined: Joined, surfaces: Sequence[SplineFace]) -> np.ndarray:
         off = evaluate(face, grid)[0] - evaluate(surfaces[number], uv.reshape(-1, 2))[0]
         found[number] = max(found[number], float(np.linalg.norm(off, axis=1).max()))
     return found
+
+
+def border_gaps(
+    outline: Outline, found: Kept, geometry: Geometry, curves: Sequence[SplineCurve | None]
+) -> np.ndarray:
+    """How far the borders of faces are from the edges as the file gives them, mm, (nf,).
+
+    Where a face keeps its parameters, its surface's own sides are the curves of the edges, for the
+    faces beside it too; the file's curves may miss them by as much as it allows. Faces that are
+    pieces of their surfaces are left out: their borders are where the surface ends. So are gaps
+    that are none for modelling kernels.
+
+    Parameters
+    ----------
+    outline : Outline
+    found : Kept
+    geometry : Geometry
+    curves : sequence of SplineCurve
+        Of the edges as they were given.
+    """
+    gap = np.zeros(len(curves))
+    share = np.linspace(0.0, 1.0, _ALONG)
+    for edge, (own, given) in enumerate(zip(geometry.curves, curves, strict=True)):
+        if own is None or own is given:
+            continue
+        points = own.evaluate(own.knots[0] + share * (own.knots[-1] - own.knots[0]))
+        feet = given.evaluate(given.project(points))
+        gap[edge] = np.linalg.norm(points - feet, axis=1).max()
+    diagonal = float(np.linalg.norm(np.ptp(outline.vertices, axis=0)))
+    gap[gap <= min(CONFUSION, 1e-8 * diagonal)] = 0.0
+    gaps = np.zeros(len(geometry.surfaces))
+    np.maximum.at(gaps, outline.face, gap[outline.edge])
+    gaps[list(found.grids)] = 0.0
+    return gaps
 
 
 def _samples(knots: np.ndarray) -> np.ndarray:
