@@ -77,6 +77,7 @@ def test_refused_in_one_line(place, python, name):
         (("box.step", "--layers", "51"), "layers is 51; choose a value from 1 to 50"),
         (("box.step", "--degree", "9"), "degree is 9"),
         (("box.step", "--w0", "0.3", "--thickness", "2 mm"), "--thickness: not allowed with"),
+        (("box.step", "--no-cover", "--cover-tolerance", "1"), "--cover-tolerance: not allowed"),
         (("box.step", "--thickness", "2 inch"), "--thickness: '2 inch' is no thickness; give"),
         (("box.step", "--thickness", "0 mm"), "the thickness is 0 mm; choose a length above"),
         (("box.step", "--thickness", "120 %"), "120 % of the local radius; choose a share"),
