@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from HybridVolume.core.covering.feet import nearest
+from HybridVolume.core.covering.geometry import SplineCurve
 from HybridVolume.core.covering.surface_values import evaluate
 from HybridVolume.core.surface import SplineFace
 
@@ -115,9 +116,9 @@ def test_no_place_of_a_surface_is_nearer(face):
     rng = np.random.default_rng(5)
     points = evaluate(face, rng.uniform(0, 1, (100, 2)))[0] + rng.normal(0, 0.4, (100, 3))
     found = nearest(face, points)
-    grid = np.stack(np.meshgrid(*2 * [np.linspace(0, 1, 300)], indexing="ij"), -1).reshape(-1, 2)
+    grid = np.stack(np.meshgrid(*2 * [np.linspace(0, 1, 100)], indexing="ij"), -1).reshape(-1, 2)
     places = evaluate(face, grid)[0]
-    away = np.linalg.norm(points[:, None] - places[::7], axis=2)
+    away = np.linalg.norm(points[:, None] - places, axis=2)
     assert (found.distance <= away.min(axis=1)).all()
     assert found.gap.max() == 0.0
     # and feet they are: nothing close by is nearer
@@ -149,3 +150,20 @@ def test_what_is_equally_near_everywhere_is_told():
     found = nearest(face, np.zeros((1, 3)))
     assert found.distance[0] == pytest.approx(3.0, abs=1e-12)
     assert 0.0 < found.gap[0] < 0.3
+
+
+def test_feet_on_a_flat_ellipse_are_the_nearest():
+    x, y = ROUND.T * np.array([[50.0], [2.0]])
+    curve = SplineCurve(2, KNOTS, np.column_stack([x, y, 0.0 * x]), WEIGHTS)
+    rng = np.random.default_rng(7)
+    points = rng.uniform([-52, -3, -1], [52, 3, 1], (800, 3))
+    # a place at every .0016 radians
+    angle = np.linspace(0.0, 2.0 * np.pi, 4001)
+    places = np.column_stack([50.0 * np.cos(angle), 2.0 * np.sin(angle), 0.0 * angle])
+    least = np.linalg.norm(points[:, None] - places, axis=2).min(axis=1)
+    t = curve.project(points)
+    found = np.linalg.norm(curve.evaluate(t) - points, axis=1)
+    assert (found <= least + 1e-12).all()
+    slope = np.einsum("md,md->m", curve.evaluate(t) - points, curve.evaluate(t, 1))
+    inside = (t > 0.0) & (t < 1.0)
+    assert np.abs(slope[inside]).max() < 1e-8

@@ -45,9 +45,6 @@ _BLOCK = 2_000
 _FEW = 1
 """For fewer points than this, a piece, distances between pieces are not worth their price."""
 
-_STRAIGHT = 0.3
-"""Distances below this share of a piece's radius of curvature have one foot there."""
-
 _KNOWN_BYTES = 200_000_000
 """Memory for the pieces of surfaces that were looked at last."""
 
@@ -175,23 +172,26 @@ class _Best:
 
 def _feet(pieces: Pieces, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Parameters (m, 2) of the feet of points, and gaps (m,)."""
-    best = _Best(points)
+    same = SAME * pieces.size
     leaf, place = pieces.start(points)
     leaf, place, distance, settled = descend(pieces, points, leaf, place)
-    best.take(pieces, np.arange(len(points)), leaf, place, distance)
     # one foot in the piece, or in it and those around it: that is the one that was found
-    alone = settled & (distance * pieces.bend[leaf] < _STRAIGHT)
-    among = settled & (distance * pieces.bend_around[leaf] < _STRAIGHT)
-    unsure = np.arange(len(points))
-    if len(points) > _FEW * len(pieces.bend) or "clearance" in vars(pieces):
-        unsure = np.flatnonzero(~among | (2.0 * distance >= pieces.clearance[leaf]))
+    alone = settled & (distance < pieces.room[leaf])
+    among = settled & (distance < pieces.room_around[leaf])
+    doubtful = distance > same
+    if len(points) > _FEW * len(pieces.room) or "clearance" in vars(pieces):
+        doubtful &= ~among | (2.0 * distance >= pieces.clearance[leaf])
+    unsure = np.flatnonzero(doubtful)
+    gap = np.zeros(len(points))
+    if not len(unsure):
+        return pieces.parameters(leaf, place).T, gap
+    best = _Best(points)
+    best.take(pieces, np.arange(len(points)), leaf, place, distance)
     row, other = pieces.within(points[unsure], distance[unsure])
     row = unsure[row]
     done = pieces.beside(leaf[row], other) & among[row]
     done |= (leaf[row] == other) & alone[row]
     row, other = row[~done], other[~done]
-    gap = np.zeros(len(points))
-    same = SAME * pieces.size
     if len(row):
         near = _bounds(pieces.hulls[other], best, row) < distance[row] - same
         row, other = row[near], other[near]
@@ -201,7 +201,7 @@ def _feet(pieces: Pieces, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         _, place, distance, settled = descend(pieces, points[row], other, start, square)
         best.take(pieces, row, other, place, distance)
         # nearer than now there may be something in pieces that are bent too much
-        open_ = ~(settled & (best.distance[row] * pieces.bend[other] < _STRAIGHT))
+        open_ = ~(settled & (best.distance[row] < pieces.room[other]))
         if open_.any():
             _search(pieces, best, row[open_], other[open_], gap)
     return pieces.parameters(best.leaf, best.place).T, gap

@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 from .. import bspline
 from .feet import project
@@ -17,6 +17,9 @@ __all__ = ["SplineCurve", "clamped_part", "evaluate", "project"]
 
 SEEDS = 4
 """Seeds in a knot span and direction, at least; the nearest of all is where a search begins."""
+
+_BLOCK = 1_000
+"""Points that are treated at once, which bounds the memory."""
 
 STEPS = 30
 """Longest search for a foot; nearly all end after five."""
@@ -63,20 +66,58 @@ class SplineCurve:
         return SplineCurve(self.degree, knots, points / weights[:, None], weights, self.tolerance)
 
     def project(self, points: np.ndarray) -> np.ndarray:
-        """Parameters of the nearest places of m points, (m,)."""
+        """Parameters of the nearest places of m points, (m,).
+
+        Searches begin at all seeds that are nearer than those beside them, if anything there can
+        be the nearest.
+        """
         lines = bspline.breakpoints(self.knots)
         seeds = _refined(lines, max(2 * SEEDS, 4 * self.degree))
-        t = seeds[cKDTree(self.evaluate(seeds)).query(points)[1]]
+        places = self.evaluate(seeds)
+        # how far the curve gets from a seed, at most about, before the next one
+        reach = 1.5 * np.linalg.norm(np.diff(places, axis=0), axis=1)
+        reach = np.maximum(np.append(reach, 0.0), np.append(0.0, reach))
+        found = np.empty(len(points))
+        for first in range(0, len(points), _BLOCK):
+            part = np.asarray(points[first : first + _BLOCK], dtype=float)
+            away = cdist(part, places)
+            nearest = away <= np.minimum(
+                np.pad(away, ((0, 0), (1, 0)), constant_values=np.inf)[:, :-1],
+                np.pad(away, ((0, 0), (0, 1)), constant_values=np.inf)[:, 1:],
+            )
+            row, seed = np.nonzero(nearest & (away - reach <= away.min(axis=1)[:, None]))
+            low, high = seeds[np.maximum(seed - 1, 0)], seeds[np.minimum(seed + 1, len(seeds) - 1)]
+            t = self._descend(part[row], seeds[seed], low, high)
+            distance = np.linalg.norm(self.evaluate(t) - part[row], axis=1)
+            # the nearest last, and the first of those that are equally near
+            order = np.lexsort((-seed, -distance, row))
+            found[first + row[order]] = t[order]
+        return found
+
+    def _descend(
+        self, points: np.ndarray, t: np.ndarray, low: np.ndarray, high: np.ndarray
+    ) -> np.ndarray:
+        """Newton's method from parameters to feet, (m,), halving what is left between two others.
+
+        Distances fall to the right of ``low`` and grow to the left of ``high`` all the time, or
+        these are still the ends given.
+        """
+        ends = low, high
         for _ in range(STEPS):
             off = self.evaluate(t) - points
             along, bent = self.evaluate(t, 1), self.evaluate(t, 2)
             slope = np.einsum("md,md->m", off, along)
             square = np.einsum("md,md->m", along, along)
             curved = square + np.einsum("md,md->m", off, bent)
-            # where the function is not convex, the step of Gauss and Newton leads down anyway
-            step = slope / np.where(curved > 0.1 * square, curved, np.maximum(square, 1e-300))
-            new = np.clip(t - step, lines[0], lines[-1])
-            done = np.abs(new - t) <= 1e-14 * (lines[-1] - lines[0])
+            low, high = np.where(slope <= 0.0, t, low), np.where(slope >= 0.0, t, high)
+            convex = curved > 1e-6 * square
+            new = t - slope / np.where(convex, curved, np.maximum(square, 1e-300))
+            middle = 0.5 * (low + high)
+            new = np.where(new < low, np.where(low == ends[0], low, middle), new)
+            new = np.where(new > high, np.where(high == ends[1], high, middle), new)
+            # where the function is not convex, long steps may go back and forth
+            new = np.where(convex | (np.abs(new - t) < 0.25 * (high - low)), new, middle)
+            done = np.abs(new - t) <= 1e-14 * (self.knots[-1] - self.knots[0])
             t = new
             if done.all():
                 break

@@ -32,6 +32,9 @@ CONE, WIDE_CONE = np.radians([45.0, 60.0])
 TOWARDS_POLES = 4
 """So often pieces are halved towards a side without length, where all are bent too much."""
 
+STRAIGHT = 0.3
+"""Distances below this share of a piece's radius of curvature have one foot there."""
+
 _AT = np.linspace(-1.0, 1.0, 5)
 """Places in each direction at which pieces are looked at."""
 
@@ -60,10 +63,11 @@ class Pieces:
         Of the powers of places. The weights are left out where they are equal.
     middle, radius : (n, 3), (n,) array
         Balls around the pieces.
-    bend : (n,) array
-        Largest curvature of a piece and its borders, 1/mm; infinite where it cannot be told, or
+    room : (n,) array
+        Points that are nearer to a piece than this have one foot there at most, mm: a share of
+        the least radius of curvature of the piece and its borders; 0 where that cannot be told, or
         where the piece turns too much.
-    bend_around : (n,) array
+    room_around : (n,) array
         The same of a piece and those around it.
     seeds : (n, 9, 3) array
     tree : cKDTree
@@ -82,8 +86,8 @@ class Pieces:
     coefficients: np.ndarray
     middle: np.ndarray
     radius: np.ndarray
-    bend: np.ndarray
-    bend_around: np.ndarray
+    room: np.ndarray
+    room_around: np.ndarray
     seeds: np.ndarray
     tree: cKDTree
     groups: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -117,10 +121,10 @@ class Pieces:
         radius = np.linalg.norm(hulls - middle[:, None], axis=2).max(axis=1)
         at = np.stack(np.meshgrid(_SEEDS, _SEEDS, indexing="ij")).reshape(2, -1)
         seeds = _grid(coefficients, at)[0].transpose(2, 1, 0)
-        bend, around = _bends(coefficients, shape, closed, size)
+        room, around = (STRAIGHT / bend for bend in _bends(coefficients, shape, closed, size))
         return cls(
             centre, size, lines, closed, nets, hulls, np.ascontiguousarray(coefficients),
-            middle, radius, bend, around, np.ascontiguousarray(seeds),
+            middle, radius, room, around, np.ascontiguousarray(seeds),
             cKDTree(seeds.reshape(-1, 3)), _groups(shape, middle, radius),
         )  # fmt: skip
 
