@@ -19,7 +19,7 @@ from .iso_faces import grid_parameters, on_grids
 from .iso_sides import IsoSides, agreeing, iso_sides
 from .outline import Outline
 from .pillows import pillow_flat_corners
-from .places import edge_chains, spread_places, wanted_places
+from .places import edge_chains, places_on_knots, spread_places, wanted_places
 from .quad_mesh import QuadCover
 from .relaxing import relaxed
 from .rims import Rims, rims_of
@@ -118,6 +118,7 @@ def kept(cover: QuadCover, outline: Outline, geometry: Geometry) -> Kept:
         edge: wanted_places(curves[edge], cover.points[chain]) for edge, chain in chains.items()
     }
     places, agreed = spread_places(geometry.iso, counts, even, geometry.rank)
+    places |= places_on_knots(chains.keys() - places.keys(), curves, cover.points, chains)
     cover = _moved(cover, curves, chains, places)
     cover = pillow_flat_corners(cover, outline, np.isin(cover.face, sorted(agreed)))
     grids = {}
@@ -133,7 +134,7 @@ def kept(cover: QuadCover, outline: Outline, geometry: Geometry) -> Kept:
     while True:
         own = np.isin(np.arange(len(surfaces)), list(grids))
         needed = _edges_of(outline, own) + 1 * _edges_of(outline, own & ~geometry.planar)
-        rims, torn = rims_of(cover, curves, chains, places, wanted, needed)
+        rims, torn = rims_of(cover, curves, chains, places, wanted, needed, geometry.simple)
         if not torn:
             return Kept(cover, grids, rims)
         beside = np.unique(outline.face[np.isin(outline.edge, torn)]).tolist()

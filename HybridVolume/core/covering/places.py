@@ -9,7 +9,7 @@ where a line begins at a vertex it is given. What is left free is as even as it 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from scipy import sparse
@@ -24,6 +24,8 @@ LEAST = 0.1
 """Shortest step between corners, as a share of the wanted one."""
 UNEVEN = 2.0
 """Lengths beside each other may differ by this factor for the sake of even parameters."""
+BESIDE = 0.05
+"""Corners that are nearer to a knot than this share of the shortest step stand on it."""
 
 
 def edge_chains(cover: QuadCover, curves: Sequence[SplineCurve | None]) -> dict[int, np.ndarray]:
@@ -97,6 +99,47 @@ def wanted_places(curve: SplineCurve, points: np.ndarray) -> np.ndarray:
     share = (curve.project(points) - low) / (high - low)
     share[[0, -1]] = 0.0, 1.0
     return share if np.diff(share).min() > 0.0 else even
+
+
+def places_on_knots(
+    edges: Iterable[int],
+    curves: Sequence[SplineCurve | None],
+    points: np.ndarray,
+    chains: Mapping[int, np.ndarray],
+) -> dict[int, np.ndarray]:
+    """Shares of edges' ranges where corners that stand beside a knot stand on it.
+
+    Between the two there would be a span of which nothing can be proved.
+
+    Parameters
+    ----------
+    edges : iterable of int
+    curves : sequence of SplineCurve
+    points : (n, 3) array
+        All corners.
+    chains : mapping
+        Of :func:`edge_chains`.
+
+    Returns
+    -------
+    dict
+        Of the edges with such corners.
+    """
+    found = {}
+    for edge in edges:
+        curve = curves[edge]
+        lines = bspline.breakpoints(curve.knots)
+        if len(lines) == 2:
+            continue
+        lines = (lines - lines[0]) / (lines[-1] - lines[0])
+        share = curve.project(points[chains[edge]]) - curve.knots[0]
+        share = share / (curve.knots[-1] - curve.knots[0])
+        share[[0, -1]] = 0.0, 1.0
+        near = lines[np.abs(share[:, None] - lines).argmin(axis=1)]
+        moved = np.where(np.abs(near - share) < BESIDE * np.diff(share).min(), near, share)
+        if np.any(moved != share) and np.all(np.diff(moved) > 0.0):
+            found[edge] = moved
+    return found
 
 
 def _even(curve: SplineCurve, count: int) -> np.ndarray:

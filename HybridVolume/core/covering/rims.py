@@ -18,6 +18,9 @@ from .quad_mesh import QuadCover
 
 MOST_SPANS = 40
 """Curves of more knot spans are followed within the tolerance only, but for sides of kept faces."""
+CLOSE = 1e-6
+"""Knots of two sides that are nearer than this become one, as shares of the sides: patches of a
+strip take over all knots, and nothing can be proved of a span between two that are nearly equal."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +74,7 @@ def rims_of(
     places: Mapping[int, np.ndarray],
     wanted: np.ndarray,
     needed: np.ndarray,
+    simple: bool = False,
 ) -> tuple[Rims, list[int]]:
     """Pieces of all sides on edges, and edges that must be exact and cannot.
 
@@ -89,6 +93,8 @@ def rims_of(
         Edges whose pieces should be exact,
     needed : (ne,) int array
         and those whose pieces must be: the higher, the more so.
+    simple : bool
+        Knots that nearly agree become one where an edge need not be exact.
     """
     exact = np.zeros(len(cover.rim), dtype=bool)
     weight = np.ones(len(cover.points))
@@ -108,7 +114,54 @@ def rims_of(
             rows.tolist(), found, (chain[:-1] > chain[1:]).tolist(), strict=True
         ):
             pieces[row] = piece.turned() if back else piece
+    if simple:
+        free = {row for row in pieces if not needed[cover.rim_edge[row]]}
+        pieces = _with_common_knots(pieces, free)
     return Rims(exact, pieces, weight), torn
+
+
+def _with_common_knots(pieces: dict[int, Piece], free: set[int]) -> dict[int, Piece]:
+    """Pieces whose inner knots are equal where they were nearly equal.
+
+    Parameters
+    ----------
+    pieces : dict
+    free : set
+        Those whose knots may be moved. Files write the knots of edges that are copies of each other
+        with other last digits.
+    """
+    inner = {
+        row: piece.knots[piece.degree + 1 : -piece.degree - 1] for row, piece in pieces.items()
+    }
+    inner = {row: knots for row, knots in inner.items() if len(knots)}
+    if not inner:
+        return pieces
+    rows = np.repeat(list(inner), [len(knots) for knots in inner.values()])
+    knots = np.concatenate(list(inner.values()))
+    fixed = ~np.isin(rows, list(free))
+    # sides run both ways: a knot and its mirror image are one
+    place = np.minimum(knots, 1.0 - knots)
+    place[place > 0.5 - CLOSE] = 0.5
+    order = np.lexsort([~fixed, place])
+    group = np.cumsum(np.append(0, np.diff(place[order]) > CLOSE))
+    count = group[-1] + 1
+    # what must not be moved is what the others are moved to
+    first = np.full(count, len(order))
+    np.minimum.at(first, group, np.where(fixed[order], np.arange(len(order)), len(order)))
+    own = np.searchsorted(group, np.arange(count))
+    chosen = place[order][np.where(first < len(order), first, own)]
+    new = np.empty(len(place))
+    new[order] = chosen[group]
+    new = np.where(knots > 0.5, 1.0 - new, new)
+    # equal knots of one piece stay equal, and different ones different
+    same = {row: new[rows == row] for row in free & set(inner)}
+    changed = dict(pieces)
+    for row, moved in same.items():
+        piece, old = pieces[row], inner[row]
+        if np.array_equal(np.diff(moved) > 0.0, np.diff(old) > 0.0):
+            ends = np.repeat([0.0, 1.0], piece.degree + 1)
+            changed[row] = Piece(np.insert(ends, piece.degree + 1, moved), piece.points)
+    return changed
 
 
 def parameters(curve: SplineCurve, points: np.ndarray, share: np.ndarray | None) -> np.ndarray:
