@@ -14,17 +14,17 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from ..errors import FaultError, MesherError
-from .columns import evaluate_columns
 from .density import Density
 from .diagonals import flip_at, flip_flat, refine_at, wedges_over
 from .element_jacobians import relative_bound, volumes
 from .elements import EDGES, FACES, quadrature, shape_functions, shape_gradients
 from .interior import Interface, Interior, crossing_triangles, fill_interior
-from .mid_nodes import outer_mids
+from .long_cells import better_mesh, shorter_cells
 from .repairs import Elements, straighten, untangle_inside
 from .shell import Shell
 from .sizes import wanted_lines
@@ -33,9 +33,6 @@ from .wedges import Wedges
 from .withdrawal import thicken, withdraw_at, withdraw_poor, withdraw_under
 
 logger = logging.getLogger(__name__)
-
-_TOLD = 1e-9
-"""Distance between a node and its told place that is none, as a share of the diagonal."""
 
 _FLIPS = 2
 """Rounds of flipped diagonals before a grid is made finer."""
@@ -340,35 +337,6 @@ def _unproved(shell: Shell, wedges: Wedges, interior: Interior, elements: Elemen
     return error
 
 
-def completed(mesh: FiniteElementMesh, shell: Shell, interface: Interface) -> FiniteElementMesh:
-    """A mesh as files before version 4 hold it, with what can be told about it since.
-
-    Where its outer nodes are not where they are made now, their places stay untold.
-    """
-    if len(mesh.surface_nodes):
-        return mesh
-    mesh = replace(mesh, density=Density(interface.nodes, interface.subdivide))
-    wanted = interface.triangles
-    blocks = [(mesh.boundary[:, :3], wanted, interface.vertex_patch, interface.vertex_uv)]
-    if mesh.order == 2:
-        mids = evaluate_columns(shell, interface.edge_patch, interface.edge_uv, np.zeros(1))[0]
-        _, patch, uv = outer_mids(shell, interface, mids)
-        blocks.append((mesh.boundary[:, 3:], interface.triangle_edges, patch, uv))
-    nodes = []
-    for boundary, number, patch, _ in blocks:
-        place = np.empty(len(patch), dtype=np.int64)
-        place[number] = boundary
-        nodes.append(place)
-    number = np.concatenate(nodes)
-    patch = np.concatenate([patch for _, _, patch, _ in blocks])
-    uv = np.concatenate([uv for *_, uv in blocks])
-    # the first versions left mid nodes of singular faces in the middle of the parameters
-    off = shell.surface.evaluate_at(patch, *uv.T) - mesh.nodes[number]
-    if np.abs(off).max() > _TOLD * shell.surface.diagonal:
-        return mesh
-    return replace(mesh, surface_nodes=number, surface_patch=patch, surface_uv=uv)
-
-
 def build_finite_elements(
     shell: Shell,
     density: Density | None = None,
@@ -385,7 +353,7 @@ def build_finite_elements(
     A coarse grid may give facets that cut each other, or elements that cannot be proved, although
     the shell is certified. Then the diagonals of the cells at fault are flipped, columns under
     facets that cut each other are shortened, and the columns at fault are cut finer, with the
-    strips that they belong to.
+    strips that they belong to. Where no density is wished for, so are long cells at needles.
 
     Parameters
     ----------
@@ -408,8 +376,57 @@ def build_finite_elements(
     if order not in (1, 2):
         raise ValueError(f"order is 1 or 2, not {order}")
     density = density or Density()
-    options = {"max_size": max_size, "free": free, "time_limit": time_limit}
+    options = {"engine": engine, "max_size": max_size, "free": free, "time_limit": time_limit}
     wanted = lines = wanted_lines(shell.surface, density)
+    best = found = _searched(shell, density, order, finest, wanted, lines, options)
+    while density.plain:
+        finer = shorter_cells(found.lines, wanted, found.wedges, found.interior, found.mesh, finest)
+        if finer is None:
+            break
+        try:
+            found = _searched(shell, density, order, finest, wanted, finer, options)
+        except MesherError as error:
+            logger.info("shorter cells: %s", error.line)
+            break
+        best = better_mesh(best, found)
+    repairs = {
+        "flipped": int(np.count_nonzero(best.flipped)),
+        "refined": best.lines.within(wanted),
+        "withdrawn": int(np.count_nonzero(best.wedges.interface.vertex_w < 1.0)),
+    }
+    mesh = replace(best.mesh, repairs={**best.mesh.repairs, **repairs})
+    logger.info(
+        "finite elements: %d nodes, %d wedges, %d tets, smallest scaled Jacobian %.4f, %s",
+        len(mesh.nodes),
+        len(mesh.wedges),
+        len(mesh.tets),
+        mesh.min_scaled_jacobian,
+        ", ".join(f"{count} {kind}" for kind, count in mesh.repairs.items()),
+    )
+    return best.wedges.interface, best.interior, mesh
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """A mesh, with the grid and the repairs that it came from."""
+
+    lines: GridLines
+    flipped: np.ndarray
+    wedges: Wedges
+    interior: Interior
+    mesh: FiniteElementMesh
+
+
+def _searched(
+    shell: Shell,
+    density: Density,
+    order: int,
+    finest: int,
+    wanted: GridLines,
+    lines: GridLines,
+    options: Mapping[str, Any],
+) -> _Found:
+    """The mesh over a grid, which is refined until core and elements are proved."""
     flipped: np.ndarray | None = None
     reach: np.ndarray | None = None
     tries = 0
@@ -424,7 +441,7 @@ def build_finite_elements(
             if finer is None:
                 if reach is None:
                     wedges, reach = withdraw_poor(shell, lines, density, wedges, flipped)
-                interior = fill_interior(wedges.interface, engine, surface=shell.surface, **options)
+                interior = fill_interior(wedges.interface, surface=shell.surface, **options)
                 wedges, flipped, interior = flip_flat(
                     shell, lines, density, wedges, flipped, reach, interior
                 )
@@ -432,7 +449,7 @@ def build_finite_elements(
                 wedges, interior, mesh = _shortened_until_proved(
                     shell, lines, density, wedges, flipped, interior
                 )
-                break
+                return _Found(lines, flipped, wedges, interior, mesh)
         except MesherError as error:
             logger.info("interface of %d cells: %s", lines.cells, error.line)
             sides = None
@@ -453,23 +470,6 @@ def build_finite_elements(
             if finer is None:
                 raise
         lines, flipped, reach, tries = finer, None, None, 0
-    repairs = {
-        "flipped": int(np.count_nonzero(flipped)),
-        "refined": lines.within(wanted),
-        "withdrawn": int(np.count_nonzero(wedges.interface.vertex_w < 1.0)),
-    }
-    mesh = replace(mesh, repairs={**mesh.repairs, **repairs})
-    logger.info(
-        "finite elements: %d nodes, %d wedges in %d layers, %d tets, smallest scaled Jacobian %.3f,"
-        " %s",
-        len(mesh.nodes),
-        len(mesh.wedges),
-        wedges.layers,
-        len(mesh.tets),
-        mesh.min_scaled_jacobian,
-        ", ".join(f"{count} {kind}" for kind, count in mesh.repairs.items()),
-    )
-    return wedges.interface, interior, mesh
 
 
 def _check(mesh: FiniteElementMesh) -> None:

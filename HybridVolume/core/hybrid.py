@@ -24,9 +24,10 @@ import numpy as np
 
 from ..errors import FileFormatError
 from .atomic import replacing
-from .finite_elements import REPAIRS, FiniteElementMesh, completed
+from .finite_elements import REPAIRS, FiniteElementMesh
 from .interior import Interface, Interior
 from .midstructure import Midstructure
+from .old_meshes import completed
 from .shell import Shell
 from .surface import PatchSurface
 from .validity import Certificate
