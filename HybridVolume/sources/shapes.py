@@ -275,6 +275,7 @@ def _covered(covering: Covering, progress: Callable[[str, Progress], None] | Non
         _areas(covering.solid),
         cover.tolerance,
         cover.inside,
+        cover.merged,
     )
     return Body(
         covering.name,
@@ -297,6 +298,7 @@ def _raise_all(bodies: list[Body]) -> None:
         faces=first.faces,
         figure=first.figure,
         remedy=first.remedy,
+        places=first.places,
     ) from first
 
 
