@@ -12,14 +12,11 @@ from .. import errors
 from ..core.covering.kinds import TOLERANCE
 from ..core.surface import PatchSurface
 from .distances import surface_distances
-from .faces import EXACT_TOLERANCE, distance_of_point, distance_of_points, random_parameters
+from .faces import EXACT_TOLERANCE, distance_of_points, random_parameters
 
 if TYPE_CHECKING:
     from .covering import Covered
     from .shapes import Body
-
-_AGAIN = 100
-"""So many points a face are measured again by OCC at most."""
 
 
 def check_against_cad(body: Body, surface: PatchSurface) -> float:
@@ -85,30 +82,10 @@ def _check_cover(solid: Any, cover: Covered, surface: PatchSurface, allowed: flo
         found = points[own].reshape(-1, 3)
         moved = max(_moved(surface, patch) for patch in own.tolist())
         limit = allowed + moved + (cover.tolerance if kind == TOLERANCE else 0.0)
-        deviation = largest_distance(face, found, limit)
+        deviation = float(surface_distances(face, found).max())
         _refuse(f"Face{k + 1}", deviation, limit)
         worst = max(worst, deviation)
     return worst
-
-
-def largest_distance(face: Any, points: np.ndarray, limit: float) -> float:
-    """Largest distance of points from the surface of a CAD face, mm.
-
-    Parameters
-    ----------
-    face : Part.Face
-    points : (m, 3) array
-        mm.
-    limit : float
-        Points that seem to be farther away, mm, are looked at by OCC as well.
-    """
-    import FreeCAD
-
-    distances = surface_distances(face, points)
-    # a foot may be a wrong one on a surface that turns much
-    for k in np.flatnonzero(distances > limit).tolist()[:_AGAIN]:
-        distances[k] = min(distances[k], distance_of_point(FreeCAD.Vector(*points[k]), face))
-    return float(distances.max())
 
 
 def number_of(name: str) -> int:
