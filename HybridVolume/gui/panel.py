@@ -12,6 +12,9 @@ from PySide import QtCore, QtGui
 from .dock import WideDock
 from .forms import load_form, load_icon
 
+SETTLED = 150
+"""Milliseconds after which FreeCAD has laid a panel out anew."""
+
 TITLE = 0.75
 """Largest width of a title, as a share of the dock's."""
 
@@ -115,5 +118,4 @@ def show_in_panel(widget: Any) -> None:
         if above is not None:
             above.ensureWidgetVisible(widget, 0, 0)
 
-    # FreeCAD's layouts take their sizes when the events so far have been seen to
-    QtCore.QTimer.singleShot(0, lambda: QtCore.QTimer.singleShot(0, scroll))
+    QtCore.QTimer.singleShot(SETTLED, scroll)
