@@ -107,6 +107,11 @@ class Coverage:
     @property
     def notes(self) -> list[str]:
         """What is to be told, for report.json's ``notes``."""
+        return [*self.warnings, *self._about_copy()]
+
+    @property
+    def warnings(self) -> list[str]:
+        """What loads would miss, or reach beside what they are put on."""
         told = []
         missed = [name for name in self.lost if name not in {*self.inside, *self.crowded}]
         if missed:
@@ -119,6 +124,11 @@ class Coverage:
                 f"FreeCAD finds nodes of other elements too on {_listed(self.crowded)}: loads and"
                 " supports on them would reach too far; cover the body with a smaller tolerance"
             )
+        return told
+
+    def _about_copy(self) -> list[str]:
+        """Why loads go on a copy of the body."""
+        told = []
         if self.widened:
             told.append(
                 f"loads and supports go on a copy of the body: {_listed(self.widened)}"
@@ -239,7 +249,7 @@ def cover(
         widened=tuple(widened),
         converted=tuple(converted),
     )
-    for note in coverage.notes:
+    for note in coverage.warnings:
         logger.warning("%s", note)
     return coverage
 
