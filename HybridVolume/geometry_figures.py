@@ -17,6 +17,7 @@ def geometry_figures(
     area: Sequence[float],
     tolerance: float | None = None,
     inside: Sequence[int] = (),
+    merged: Mapping[int, int] | None = None,
 ) -> dict[str, Any]:
     """Figures of the faces of a body.
 
@@ -33,16 +34,21 @@ def geometry_figures(
     tolerance : float, optional
         Largest deviation that was allowed, mm; None where every face is one patch itself.
     inside : sequence of int
-        Faces, from 0, that lie inside the material and are left out.
+        Faces, from 0, that are left out: inside the material, or merged.
+    merged : mapping of int to int
+        Those of them that are part of a neighbour now, and this.
 
     Returns
     -------
     dict
         ``patches``; ``tolerance`` and ``max_deviation``, mm; ``counts`` of faces and shares of
         their ``area`` by kind; ``faces``: of each its ``name``, ``kind``, ``patches``,
-        ``deviation`` (mm), ``area`` (mm^2); ``inside``: names of the faces that are left out;
-        ``sentence``: the same in words.
+        ``deviation`` (mm), ``area`` (mm^2); ``inside``: names of the faces that are left out
+        because they are inside the material; where there are any, ``merged``: names of faces too
+        narrow for patches, and of the neighbour that each is part of now; ``sentence``: the same
+        in words.
     """
+    names = {f"Face{k + 1}": f"Face{into + 1}" for k, into in sorted((merged or {}).items())}
     rows = [
         {
             "name": f"Face{number}",
@@ -56,7 +62,8 @@ def geometry_figures(
         )
         if number - 1 not in inside
     ]
-    return _of_rows(rows, tolerance, [f"Face{number + 1}" for number in inside])
+    walls = [f"Face{number + 1}" for number in inside]
+    return _of_rows(rows, tolerance, [name for name in walls if name not in names], names)
 
 
 def with_moves(figures: Mapping[str, Any], moves: Mapping[str, float]) -> dict[str, Any]:
@@ -76,11 +83,14 @@ def with_moves(figures: Mapping[str, Any], moves: Mapping[str, float]) -> dict[s
         else dict(row)
         for row in figures["faces"]
     ]
-    return _of_rows(rows, figures["tolerance"], figures["inside"])
+    return _of_rows(rows, figures["tolerance"], figures["inside"], figures.get("merged", {}))
 
 
 def _of_rows(
-    rows: list[dict[str, Any]], tolerance: float | None, inside: Sequence[str]
+    rows: list[dict[str, Any]],
+    tolerance: float | None,
+    inside: Sequence[str],
+    merged: Mapping[str, str],
 ) -> dict[str, Any]:
     of_kind = {kind: [row for row in rows if row["kind"] == kind] for kind in KINDS}
     counts = {kind: len(found) for kind, found in of_kind.items()}
@@ -96,7 +106,8 @@ def _of_rows(
         "area": {kind: area / whole for kind, area in areas.items()},
         "faces": rows,
         "inside": list(inside),
-        "sentence": _sentence(counts, patches, near, tolerance, len(inside)),
+        **({"merged": dict(merged)} if merged else {}),
+        "sentence": _sentence(counts, patches, near, tolerance, len(inside)) + _joined(merged),
     }
 
 
@@ -116,6 +127,14 @@ def _sentence(
     left = f"; {_number(inside, 'face')} inside the material" if inside else ""
     left += f" {'is' if inside == 1 else 'are'} left out" if inside else ""
     return f"{text}; covered with {_number(patches, 'patch', 'patches')}{allowed}{left}"
+
+
+def _joined(merged: Mapping[str, str]) -> str:
+    """Which faces were too narrow, in words; the first few of many."""
+    told = [f"{name} is part of {into} now" for name, into in list(merged.items())[:3]]
+    if len(merged) > 3:
+        told.append(f"{_number(len(merged) - 3, 'more face')} of neighbours")
+    return f"; too narrow: {', '.join(told)}" if told else ""
 
 
 def _number(count: int, one: str, several: str = "") -> str:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -37,8 +37,10 @@ class Covered:
     tolerance : float
         Largest deviation that was allowed, mm.
     inside : tuple of int
-        Faces of the solid, from 0, that lie inside its material, where parts of it touch: they
-        have no patches, and their kinds say nothing.
+        Faces of the solid, from 0, that are left out: those that lie inside its material, where
+        parts of it touch, and the merged ones. They have no patches, and their kinds say nothing.
+    merged : dict of int to int
+        Faces that were too narrow for patches, and the neighbour that each is a part of now.
     """
 
     faces: tuple[SplineFace, ...]
@@ -48,6 +50,7 @@ class Covered:
     kinds: tuple[str, ...]
     tolerance: float
     inside: tuple[int, ...] = ()
+    merged: dict[int, int] = field(default_factory=dict)
 
 
 def allowed_deviation(solid: Any, tolerance: float | None) -> float:

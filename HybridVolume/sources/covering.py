@@ -27,7 +27,7 @@ import numpy as np
 from .. import errors
 from ..core.covering.effort import PATIENCE
 from ..core.covering.exchange import BREP, read_cover, read_error, write_body
-from ..core.covering.kinds import BIT, EXACT, kinds_of_origins
+from ..core.covering.kinds import BIT, EXACT, TOLERANCE, kinds_of_origins
 from ..core.covering.limits import ended, too_long
 from ..core.surface import SplineFace
 from ..protocol import Progress, parse_line
@@ -40,6 +40,7 @@ from .fingerprint import fingerprint
 from .imprint import imprint_seams
 from .inner_walls import United, without_inner_walls
 from .outlines import outline_of
+from .slivers import Merged, without_slivers
 from .spheres import Parted, without_whole_faces
 from .untrimmed import take_faces
 
@@ -118,6 +119,8 @@ class Covering:
         self._folder: Path | None = None
         self._given = np.zeros(0, dtype=int)
         self._united: United | None = None
+        self._merged: Merged | None = None
+        self._kept = np.zeros(0, dtype=int)
         self._parted: Parted | None = None
         self._began = 0.0
         self._said = "preparing"
@@ -139,6 +142,8 @@ class Covering:
                 self._launch(imprinted)
         except errors.HybridVolumeError as error:
             self._end(error)
+        except Exception as fault:
+            self._end(_fault(fault))
 
     def poll(self, wait: float = 0.0) -> list[Progress]:
         """Return the progress since the last call; update ``state`` and ``error``.
@@ -169,6 +174,8 @@ class Covering:
                 raise too_long(SECONDS, self._said)
         except errors.HybridVolumeError as error:
             self._end(error)
+        except Exception as fault:  # also what FreeCAD raises: nobody expects it in a timer
+            self._end(_fault(fault))
         return news
 
     def run(self, progress: Callable[[Progress], None] | None = None) -> Covered:
@@ -211,7 +218,7 @@ class Covering:
         return self._result
 
     def _prepare(self) -> Any:
-        """Leave out walls inside, whole spheres and rings, cut the seams.
+        """Leave out walls inside, whole spheres and rings, merge slivers, cut the seams.
 
         Returns
         -------
@@ -225,8 +232,10 @@ class Covering:
             named.
         """
         self._united = without_inner_walls(self.solid)
-        self._parted = without_whole_faces(self._united.solid)
-        self._given = self._united.numbers[self._parted.numbers]
+        self._merged = without_slivers(self._united.solid, self.tolerance)
+        self._kept = self._united.numbers[self._merged.numbers]
+        self._parted = without_whole_faces(self._merged.solid)
+        self._given = self._kept[self._parted.numbers]
         if self._parted.rest is None:
             self._end(self._joined((), np.zeros(0, dtype=int), (), np.zeros(0), 0))
             return None
@@ -332,10 +341,11 @@ class Covering:
 
     def _renamed(self, error: errors.HybridVolumeError) -> errors.HybridVolumeError:
         """An error about pieces of faces as one about the faces of the given solid."""
-        pieces = [int(face.split(".")[0][4:]) - 1 for face in error.faces]
+        numbers = [face.split(".")[0].removeprefix("Face") for face in error.faces]
+        pieces = [int(number) - 1 for number in numbers if number.isdigit()]
         return type(error)(
             error.message,
-            faces=[f"Face{self._given[piece] + 1}" for piece in pieces],
+            faces=[f"Face{self._given[k] + 1}" for k in pieces if k < len(self._given)],
             figure=error.figure,
             remedy=error.remedy,
         )
@@ -361,7 +371,7 @@ class Covering:
             Of the pieces.
         quads : int
         """
-        closed, whole = self._parted, self._united.numbers[self._parted.origin]
+        closed, whole = self._parted, self._kept[self._parted.origin]
         given = np.concatenate([self._given, whole])
         origin = np.concatenate([self._given[piece], whole])
         count = len(self.solid.Faces)
@@ -371,7 +381,11 @@ class Covering:
             points = evaluate_face(patch, *random_parameters(number))
             off = surface_distances(self.solid.Faces[number], points)
             worst[number] = max(worst[number], float(off.max()))
-        inside = self._united.inside
+        old = self._united.numbers
+        for face, off in self._merged.moved.items():
+            worst[old[face]] = max(worst[old[face]], off)
+        merged = {int(old[face]): int(old[into]) for face, into in self._merged.into.items()}
+        inside = (*self._united.inside, *sorted(merged))
         bare = np.setdiff1d(np.arange(count), np.concatenate([origin, np.array(inside, int)]))
         if len(bare) or not np.all(np.isfinite(worst)) or worst.max() > self.tolerance:
             raise errors.FaultError(
@@ -383,9 +397,10 @@ class Covering:
             replace(face, name=f"Face{number + 1}")
             for face, number in zip([*faces, *closed.patches], origin.tolist(), strict=True)
         ]
-        # of walls inside the material nothing is changed, as nothing is left
-        given = np.concatenate([given, np.array(inside, dtype=int)])
-        of_pieces = [*kinds, *closed.kinds, *(len(inside) * [BIT])]
+        # of what is left out nothing is changed, as nothing is left
+        moved = old[sorted(self._merged.moved)]
+        given = np.concatenate([given, np.array(inside, dtype=int), moved])
+        of_pieces = [*kinds, *closed.kinds, *(len(inside) * [BIT]), *(len(moved) * [TOLERANCE])]
         return Covered(
             tuple(named),
             origin,
@@ -394,7 +409,17 @@ class Covering:
             kinds_of_origins(of_pieces, given),
             self.tolerance,
             inside,
+            merged,
         )
+
+
+def _fault(fault: Exception) -> errors.FaultError:
+    """What nobody expected, in words; the whole of it goes to the log."""
+    logger.error("covering failed", exc_info=fault)
+    return errors.FaultError(
+        f"covering failed: {type(fault).__name__}: {fault}".replace("\n", " "),
+        remedy="please report this body",
+    )
 
 
 _MEMORY: OrderedDict[tuple, Covered | errors.HybridVolumeError] = OrderedDict()

@@ -18,7 +18,7 @@ import numpy as np
 from .. import errors
 from .faces import seam_edges
 from .poles import pole_cuts
-from .spheres import whole_turn
+from .spheres import is_closed
 
 logger = logging.getLogger(__name__)
 
@@ -71,12 +71,10 @@ def seam_cuts(face: Any) -> list:
         return []
     surface, limits = face.Surface, face.ParameterRange
     cuts = []
-    for across, closed in enumerate((surface.isUClosed(), surface.isVClosed())):
-        low, high = limits[2 * across : 2 * across + 2]
-        span = whole_turn(surface, across)
-        # a face may cover a part of the closed direction only
-        if not closed or high - low < (1.0 - 1e-6) * span:
+    for across in (0, 1):
+        if not is_closed(face, across):
             continue
+        low, high = limits[2 * across : 2 * across + 2]
         iso = surface.vIso if across else surface.uIso
         ends = limits[0:2] if across else limits[2:4]
         for quarter in QUARTERS:
@@ -211,7 +209,21 @@ def _inside(face: Any) -> Any:
                         return point
                     if off > farthest:
                         best, farthest = point, off
-    return best
+    return best if farthest >= 0.0 else _inside_narrow(face)
+
+
+def _inside_narrow(face: Any) -> Any:
+    """A point of a face that no grid meets: half its width beside its longest edge."""
+    edge = max(face.Edges, key=lambda edge: edge.Length)
+    middle = 0.5 * sum(edge.ParameterRange)
+    point = edge.valueAt(middle)
+    normal = face.normalAt(*face.Surface.parameter(point))
+    step = normal.cross(edge.tangentAt(middle)) * (face.Area / face.Length)
+    for way in (1.0, -1.0):
+        uv = face.Surface.parameter(point + step * way)
+        if face.isPartOfDomain(*uv):
+            return face.Surface.value(*uv)
+    return point
 
 
 def _distance(point: Any, shape: Any) -> float:

@@ -116,7 +116,8 @@ class _Neighbours:
         normal = np.where(there[..., None], normals[around], 0.0).sum(axis=1)
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
         first = np.cross(normal, np.eye(3)[np.abs(normal).argmin(axis=1)])
-        first /= np.linalg.norm(first, axis=1, keepdims=True)
+        # a vertex whose quads are folded has no normal, and gains nothing
+        first /= np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-300)
         second = np.cross(normal, first)
         angle = np.arange(_DIRECTIONS) * (2.0 * np.pi / _DIRECTIONS)
         steps = np.concatenate(
