@@ -5,9 +5,9 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import logging
 import os
-import shutil
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -30,41 +30,8 @@ from HybridVolume.job import (
     exit_code,
     worker_python,
 )
-
-
-class Screen:
-    """Progress on standard output: one line that changes on a terminal, plain lines elsewhere."""
-
-    def __init__(self) -> None:
-        self._terminal = sys.stdout.isatty()
-        self._open = False
-        self._last = ""
-
-    def progress(self, name: str, news: Progress) -> None:
-        """Show how far a body is."""
-        text = f"{news.stage}: {news.text}" if news.text else news.stage
-        if self._terminal:
-            width = shutil.get_terminal_size().columns - 1
-            line = f"{name} [{100 * news.fraction:3.0f} %] {text}"[:width]
-            sys.stdout.write(f"\r\x1b[K{line}")
-            sys.stdout.flush()
-            self._open = True
-        elif text != self._last:
-            self._last = text
-            print(f"{name} [{100 * news.fraction:3.0f} %] {text}", flush=True)
-
-    def line(self, text: str) -> None:
-        """Write a line that stays."""
-        self.clear()
-        print(text, flush=True)
-
-    def clear(self) -> None:
-        """Take the changing line away."""
-        if self._open:
-            sys.stdout.write("\r\x1b[K")
-            sys.stdout.flush()
-            self._open = False
-
+from HybridVolume.screen import Screen
+from HybridVolume.side_by_side import in_order, workers_at_once
 
 logger = logging.getLogger(__name__)
 
@@ -129,7 +96,7 @@ def complete_file(options: argparse.Namespace, screen: Screen) -> int:
         check_faces(options.face_sizes, bodies, "size")
         reading = time.perf_counter() - started
         writer = _Writer(options, parameters, geometry, output, screen, python, len(bodies))
-        outcomes = [writer.complete(body) for body in bodies]
+        outcomes = writer.complete_all(bodies)
         refused = [outcome for outcome in outcomes if outcome.error]
         drawn = [
             writer.draw_refusal(body, outcome.error)
@@ -340,6 +307,17 @@ class _Geometry:
         return part
 
 
+@dataclass(frozen=True)
+class _Task:
+    """A body, its job, and what is to be kept with its result."""
+
+    body: Any
+    outcome: Outcome
+    parameters: dict[str, Any]
+    geometry: Any
+    job: Job
+
+
 class _Writer:
     """Completes bodies and collects what is delivered."""
 
@@ -369,15 +347,27 @@ class _Writer:
         self._prepared: list[Any] = []
         self._document_seconds = 0.0
 
-    def complete(self, body: Any) -> Outcome:
-        """Complete one body; a refusal is kept in the outcome."""
-        outcome = Outcome(body.name, error=body.error)
-        if outcome.error is None:
-            try:
-                outcome.report = self._complete(body)
-            except HybridVolumeError as error:
-                outcome.error = error
-        return outcome
+    def complete_all(self, bodies: Sequence[Any]) -> list[Outcome]:
+        """Complete bodies, some side by side, and take the results in the order of the file.
+
+        A refusal is kept in the outcome.
+        """
+        outcomes = [Outcome(body.name, error=body.error) for body in bodies]
+        tasks: list[_Task] = []
+        for body, outcome in zip(bodies, outcomes, strict=True):
+            if outcome.error is None:
+                try:
+                    tasks.append(self._task(body, outcome))
+                except HybridVolumeError as error:
+                    outcome.error = error
+        jobs = [task.job for task in tasks]
+        with contextlib.closing(in_order(jobs, workers_at_once(), self._screen.progress)) as ended:
+            for task, job in zip(tasks, ended, strict=True):
+                try:
+                    task.outcome.report = self._taken(task, job.outcome())
+                except HybridVolumeError as error:
+                    task.outcome.error = error
+        return outcomes
 
     def draw_refusal(self, body: Any, error: HybridVolumeError | None) -> bool:
         """Draw where a body is refused, ``NAME_refused.png``; whether there is a picture.
@@ -396,11 +386,8 @@ class _Writer:
             return False
         return True
 
-    def _complete(self, body: Any) -> dict[str, Any]:
-        from HybridVolume.core.assembly import build_surface
-        from HybridVolume.exports.mesh_file import write_mesh
-        from HybridVolume.exports.step import write_solid
-        from HybridVolume.objects import document, own_geometry, volume
+    def _task(self, body: Any, outcome: Outcome) -> _Task:
+        from HybridVolume.objects import own_geometry, volume
 
         alone = self._bodies == 1
         parameters = dict(self._parameters)
@@ -432,36 +419,44 @@ class _Writer:
             free_only=self._options.free_only,
             parent=self._output.scratch,
         )
-        with job:
-            result = job.run(lambda news: self._screen.progress(body.name, news))
-            started = time.perf_counter()
-            stored = self._output.scratch / f"{body.name}.npz"
-            job.result_file.rename(stored)
-            prepared = document.Prepared(
-                document.Completed(
-                    body=body,
-                    solid=1,
-                    volume=result,
-                    result=stored,
-                    report=job.report(),
-                    parameters=parameters,
-                    fingerprint=volume.fingerprint(body.shape),
-                    geometry=geometry,
-                )
+        return _Task(body, outcome, parameters, geometry, job)
+
+    def _taken(self, task: _Task, result: Any) -> dict[str, Any]:
+        """Take what a job has made; returns the body's part of the report."""
+        from HybridVolume.core.assembly import build_surface
+        from HybridVolume.exports.mesh_file import write_mesh
+        from HybridVolume.exports.step import write_solid
+        from HybridVolume.objects import document, volume
+
+        body, job = task.body, task.job
+        started = time.perf_counter()
+        stored = self._output.scratch / f"{body.name}.npz"
+        job.result_file.rename(stored)
+        prepared = document.Prepared(
+            document.Completed(
+                body=body,
+                solid=1,
+                volume=result,
+                result=stored,
+                report=job.report(),
+                parameters=task.parameters,
+                fingerprint=volume.fingerprint(body.shape),
+                geometry=task.geometry,
             )
-            for export in self._exports:
-                for file in job.exported_files(export):
-                    file.rename(self._output.files / file.name)
-            for name in dict.fromkeys(self._options.export):
-                if name in SHELL_EXPORTS:
-                    # the worker wrote it
-                    continue
-                file = {**MESH_EXPORTS, **SURFACE_EXPORTS}[name].format(body.name)
-                self._screen.progress(body.name, Progress("exports", 0.97, f"writing {file}"))
-                if name in SURFACE_EXPORTS:
-                    write_solid(self._output.files / file, build_surface(list(body.faces)))
-                else:
-                    write_mesh(self._output.files / file, result.fem)
+        )
+        for export in self._exports:
+            for file in job.exported_files(export):
+                file.rename(self._output.files / file.name)
+        for name in dict.fromkeys(self._options.export):
+            if name in SHELL_EXPORTS:
+                # the worker wrote it
+                continue
+            file = {**MESH_EXPORTS, **SURFACE_EXPORTS}[name].format(body.name)
+            self._screen.progress(body.name, Progress("exports", 0.97, f"writing {file}"))
+            if name in SURFACE_EXPORTS:
+                write_solid(self._output.files / file, build_surface(list(body.faces)))
+            else:
+                write_mesh(self._output.files / file, result.fem)
         self._prepared.append(prepared)
         self._document_seconds += time.perf_counter() - started
         return prepared.report

@@ -280,6 +280,10 @@ class Job:
             worker's log as a note.
         """
         wait_for(self, progress)
+        return self.outcome()
+
+    def outcome(self) -> HybridVolume | Midstructure | dict:
+        """The result of a job that has ended; raises what it failed with, as :meth:`run` does."""
         if self.error:
             if self.log and self.error.code in ("fault", "mesher", "worker"):
                 self.error.add_note(self.log)
