@@ -16,7 +16,7 @@ import numpy as np
 from ..core.covering.kinds import BIT, EXACT
 from ..core.covering.spheres import sphere_faces
 from ..core.surface import SplineFace
-from .faces import ISO_TOLERANCE, seam_edges, spline_face
+from .faces import seam_edges, spline_face
 
 _WHOLE = 1e-9
 """A face is a whole sphere if it lacks less of the sphere's area, as a share of it."""
@@ -111,16 +111,13 @@ def is_whole_sphere(face: Any) -> bool:
 
 def _is_whole_ring(face: Any) -> bool:
     """Whether a face is all of a surface that is closed in both directions."""
-    surface = face.Surface
-    if len(face.Wires) != 1 or not (surface.isUClosed() and surface.isVClosed()):
-        return False
     edges = {edge.hashCode() for edge in face.Edges}
     # nothing but its own two seams bounds it
-    if any(edge.Degenerated for edge in face.Edges) or len(edges) != 2:
+    if len(face.Wires) != 1 or len(edges) != 2 or len(seam_edges(face)) != 2:
         return False
-    low, high = np.reshape(face.ParameterRange, (2, 2)).T
-    turns = np.array([whole_turn(surface, across) for across in (0, 1)])
-    return len(seam_edges(face)) == 2 and bool(np.all(high - low >= (1.0 - ISO_TOLERANCE) * turns))
+    return not any(edge.Degenerated for edge in face.Edges) and all(
+        is_closed(face, across) for across in (0, 1)
+    )
 
 
 def _ring_patches(face: Any, name: str) -> tuple[SplineFace, ...]:
@@ -143,12 +140,21 @@ def _ring_patches(face: Any, name: str) -> tuple[SplineFace, ...]:
     return tuple(found)
 
 
-def whole_turn(surface: Any, across: int) -> float:
-    """Length of the range of a surface's closed direction."""
-    if (surface.isVPeriodic if across else surface.isUPeriodic)():
-        return surface.VPeriod() if across else surface.UPeriod()
-    bounds = surface.bounds()
-    return bounds[2 * across + 1] - bounds[2 * across]
+def is_closed(face: Any, across: int) -> bool:
+    """Whether a face ends where it begins, in u (0) or v (1).
+
+    Surfaces of files miss that by their rounding, and OCC calls them open then; their face is
+    sewn to itself all the same.
+    """
+    limits = face.ParameterRange
+    low, high = limits[2 * across : 2 * across + 2]
+    reach = 2.0 * max(edge.Tolerance for edge in face.Edges)
+    for t in np.linspace(*limits[2 - 2 * across : 4 - 2 * across], 9).tolist():
+        ends = [(t, end) if across else (end, t) for end in (low, high)]
+        begin, end = (face.Surface.value(*place) for place in ends)
+        if begin.distanceToPoint(end) > reach:
+            return False
+    return True
 
 
 def _is_spline(surface: Any) -> bool:
