@@ -116,13 +116,14 @@ def _painted(shape: Any, colours: np.ndarray) -> Any:
     import Part
 
     deviation = DEVIATION * shape.BoundBox.DiagonalLength
+    faces = shape.Faces  # a new list at each call
     node = coin.SoSeparator()
     forward = coin.SoPolygonOffset()
     forward.factor, forward.units = -1.0, -1.0
     for colour in np.unique(colours, axis=0):
         own = np.flatnonzero((colours == colour).all(axis=1)).tolist()
         drawn = Faces(smooth=False, colour=tuple(colour.tolist()), crease=0.6)
-        drawn.show(*triangles_of(Part.makeCompound([shape.Faces[k] for k in own]), deviation))
+        drawn.show(*triangles_of(Part.makeCompound([faces[k] for k in own]), deviation))
         node.addChild(drawn.node)
     return separator(forward, node)
 

@@ -9,7 +9,7 @@ out of its box by 0.05 mm. Boxes of B-spline surfaces hold all their poles.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -47,7 +47,8 @@ def in_boxes(
         How far nodes of other faces are outside their boxes, mm.
     """
     outside = _outside(nodes, known, shape)
-    odd = [name for name in outside if _face(shape, name).Surface.TypeId not in _SPLINES]
+    faces = shape.Faces if outside else ()
+    odd = [name for name in outside if _face(faces, name).Surface.TypeId not in _SPLINES]
     copy = _with_splines(shape, odd) if odd else None
     if copy is None:
         return shape, [], outside
@@ -58,8 +59,9 @@ def in_boxes(
 def _outside(nodes: np.ndarray, known: Mapping[str, np.ndarray], shape: Any) -> dict[str, float]:
     """How far nodes are outside the boxes of their faces, mm, where that is too far."""
     found = {}
+    faces = shape.Faces  # a new list of all at each call
     for name, own in known.items():
-        face = _face(shape, name)
+        face = _face(faces, name)
         # a copy has no triangles, which would make the box a good one
         box = face.copy().BoundBox
         low, high = nodes[own].min(axis=0), nodes[own].max(axis=0)
@@ -72,8 +74,8 @@ def _outside(nodes: np.ndarray, known: Mapping[str, np.ndarray], shape: Any) -> 
     return found
 
 
-def _face(shape: Any, name: str) -> Any:
-    return shape.Faces[number_of(name) - 1]
+def _face(faces: Sequence[Any], name: str) -> Any:
+    return faces[number_of(name) - 1]
 
 
 def _with_splines(shape: Any, names: list[str]) -> Any | None:
