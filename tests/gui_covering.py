@@ -18,6 +18,7 @@ from gui_midstructure import (
     on_screen,
     press_standard,
     whole_window,
+    xdotool,
 )
 from gui_scenarios import (
     FOLDER,
@@ -125,6 +126,29 @@ def check():
     wait(300)
 
 
+def turn_wheel():
+    """What the wheel does to fields that it passes, and to one that was clicked into."""
+    found = {}
+    level = child("w0", QtGui.QDoubleSpinBox)
+    for name in ("w0", "w0Slider", "kind", "layers", "coverTolerance"):
+        field = child(name)
+        before = level.value(), child("layers", QtGui.QSpinBox).value()
+        if field.isVisible():
+            move(field.mapToGlobal(field.rect().center()))
+            xdotool("click", 4)
+            wait(200)
+            after = level.value(), child("layers", QtGui.QSpinBox).value()
+            found[name] = before == after and child("kind", QtGui.QComboBox).currentIndex() == 0
+    before = level.value()
+    click(level.mapToGlobal(QtCore.QPoint(20, level.height() // 2)))
+    xdotool("click", 4)
+    wait(200)
+    found["clicked into"] = level.value() > before
+    level.setValue(before)
+    move_away()
+    return found
+
+
 def drilled(answer):
     """Check, cancel, look at the colours, pick faces by rows and rows by faces, close."""
     doc, body = new_plate()
@@ -133,6 +157,7 @@ def drilled(answer):
     open_panel(body)
     FreeCADGui.Selection.clearSelection()
     answer["at first"] = {"section": section(), "rows": rows()}
+    answer["wheel"] = turn_wheel()
     press("geometryToggle")
     press("geometryCheck")
     wait_for(meshers)

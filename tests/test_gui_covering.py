@@ -24,6 +24,9 @@ def test_a_drilled_plate_is_checked(tmp_path):
     found = play("gui_covering.drilled", tmp_path, HYBRIDVOLUME_PYTHON=worker_python())
     # 1e-4 of the diagonal, which is (24^2 + 16^2 + 8^2)^(1/2) mm
     assert found["at first"] == {"section": "Geometry: exact, or within 0.003 mm", "rows": []}
+    # the panel is long: the wheel that scrolls it must not change what it passes
+    passed = {"w0": True, "w0Slider": True, "kind": True, "layers": True}
+    assert found["wheel"] == {**passed, "clicked into": True}
     assert found["covering"]["enabled"] == [False, True, False]
     assert found["covering"]["stage"].startswith("covering")
     assert found["cancelled"] == {

@@ -12,6 +12,8 @@ from typing import Any
 import FreeCADGui
 from PySide import QtCore, QtGui
 
+from .panel import leave_wheel
+
 SELECT_FIRST = "First click faces of the body in the 3D view (several with Ctrl), then this button."
 
 
@@ -201,6 +203,7 @@ class FaceTable:
         box.setFrame(False)
         box.setValue(value)
         box.valueChanged.connect(lambda *_: self._changed())
+        leave_wheel(box)
         table.setCellWidget(row, 1, box)
 
     def _rows(self) -> list[int]:

@@ -46,6 +46,9 @@ class Panel:
     def _opened(self) -> None:
         """Call this where nothing can fail any more: from now on closing puts everything back."""
         self._dock = WideDock(self.form, self.WIDTH)
+        for kind in (QtGui.QAbstractSpinBox, QtGui.QComboBox, QtGui.QSlider):
+            for widget in self.form.findChildren(kind):
+                leave_wheel(widget)
         # whoever closes the dialog: observers, gates and what was added to the view must go
         self.form.destroyed.connect(lambda *_: self._clean())
 
@@ -87,6 +90,29 @@ class Panel:
 
     def _put_back(self) -> None:
         """Take back what the panel did to the window; called once."""
+
+
+class _WheelGuard(QtCore.QObject):
+    """Hands the wheel on to what is around a field, as long as nobody clicked into the field."""
+
+    def eventFilter(self, watched: Any, event: Any) -> bool:
+        """Take the turns of the wheel; they go to the field's parent then."""
+        if event.type() != QtCore.QEvent.Wheel or watched.hasFocus():
+            return False
+        event.ignore()
+        return True
+
+
+def leave_wheel(widget: Any) -> None:
+    """Let the wheel scroll the panel over a field, not change its value unseen.
+
+    Parameters
+    ----------
+    widget : QWidget
+        A field with a number or a choice.
+    """
+    widget.setFocusPolicy(QtCore.Qt.StrongFocus)
+    widget.installEventFilter(_WheelGuard(widget))
 
 
 def elided(text: str, form: Any) -> str:
