@@ -26,7 +26,7 @@ def test_long_cells_at_needles_are_cut_across(size: float):
     shell = plate(size, (2, 8, 1))
     _, _, before = build_finite_elements(shell, finest=1)
     _, _, after = build_finite_elements(shell)
-    # edges of 12, 3 and .35 at right angles, one after the other: 2 ** .5 * 3 * .35 / 12 ** 2 = .010
+    # edges of 12, 3 and .35 at right angles: 2 ** .5 * 3 * .35 / 12 ** 2 = .010
     assert before.min_scaled_jacobian < 0.0115
     assert before.repairs["refined"] == 0
     assert after.min_scaled_jacobian > 1.5 * before.min_scaled_jacobian

@@ -13,10 +13,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from .. import errors
 from . import bspline
 from .column_state import ColumnSpace, ColumnState
+from .companion import carried, companion, needs_companion
 from .contacts import Planes
 from .goals import Thickness, goal_levels, usable_level
 from .harmonic import HarmonicField
@@ -45,6 +47,8 @@ UNTANGLINGS = 9
 """Most local repairs of a start for which there is no sound one to fall back to."""
 PATIENCE = 3
 """Such repairs in a row without fewer bad elements after which to give up."""
+CARRIED = 0.5
+"""Share of the level on a surface's companion that must be left on the surface itself."""
 POLISHES = 10
 """Most rounds in which the worst shapes are improved."""
 GENTLE = 30.0
@@ -223,7 +227,8 @@ class _Grower(ColumnSpace):
             before = self.failures.copy()
             # where much of the front is folded, little is left of it on the way back
             if not starts or len(start.bad) > MANY * self.surface.element_count:
-                starts += self.untangled(start, goal, thin)
+                lower = self.from_companion(goal, thin)
+                starts += [lower] if lower else self.untangled(start, goal, thin)
             sound = [state for state in starts if state.accepted]
             if not sound:
                 return None
@@ -236,6 +241,25 @@ class _Grower(ColumnSpace):
                 self.failures = before
             self.report(0.4, f"start, w = {start.mean:.3g}")
         return self.stages(start, goal)
+
+    def from_companion(self, goal: np.ndarray, thin: ColumnState | None) -> ColumnState | None:
+        """Columns found on splines of low degree; None where there is no need, or no success.
+
+        Success is a sound state that has not lost more than a little of the level found there.
+        """
+        if not needs_companion(self.surface):
+            return None
+        low = companion(self.surface)
+        grower = _Grower(low, self.field, self.degree_w, lambda share, text: None)
+        near = cKDTree(self.frame.nodes).query(grower.frame.nodes)[1]
+        found = grower.from_front(goal[near])
+        if found is None:
+            return None
+        state = self.check(self.rest + carried(found.d, low, self.surface))
+        if not state.accepted and thin is not None:
+            state = self.blended(thin, state)
+        logger.info("columns of low degree: w %.3f, carried over %.3f", found.mean, state.mean)
+        return state if state.accepted and state.mean > CARRIED * found.mean else None
 
     def untangled(
         self, state: ColumnState, goal: np.ndarray, thin: ColumnState | None
