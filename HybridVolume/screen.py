@@ -16,7 +16,8 @@ class Screen:
     def __init__(self) -> None:
         self._terminal = sys.stdout.isatty()
         self._open = False
-        self._last = ""
+        # of each body, as several may be worked on side by side
+        self._last: dict[str, str] = {}
 
     def progress(self, name: str, news: Progress) -> None:
         """Show how far a body is."""
@@ -27,8 +28,8 @@ class Screen:
             sys.stdout.write(f"\r\x1b[K{line}")
             sys.stdout.flush()
             self._open = True
-        elif text != self._last:
-            self._last = text
+        elif text != self._last.get(name):
+            self._last[name] = text
             print(f"{name} [{100 * news.fraction:3.0f} %] {text}", flush=True)
 
     def line(self, text: str) -> None:
