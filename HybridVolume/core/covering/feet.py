@@ -228,7 +228,11 @@ def _search(
         tried = np.flatnonzero(convex | (distance < best.distance[row]))
         if len(tried):
             _, place, distance, settled = descend(
-                pieces, best.points[row[tried]], leaf[tried], place[:, tried], square[..., tried]
+                pieces,
+                best.points[row[tried]],
+                leaf[tried],
+                place[:, tried],
+                square[..., tried],
             )
             best.take(pieces, row[tried], leaf[tried], place, distance)
             convex[tried] &= settled
@@ -246,14 +250,18 @@ def _looked_at(
     low, high = square[:, 0], square[:, 1]
     place = low[:, None] + share * (high - low)[:, None]  # (2, 9, k)
     count = len(points)
-    x, *slopes = pieces.values(np.tile(leaf, 9), place.reshape(2, -1))
+    x, slopes = pieces.values(np.tile(leaf, 9), place.reshape(2, -1))
     off = x - np.tile(points.T, 9)
-    (a, b, c), (p, r, q) = _forms(off, *slopes)
+    (a, b, c), (p, r, q) = _forms(off, slopes)[:2]
     convex = (p > 0.1 * a) & (q > 0.1 * c) & (p * q - r**2 > 0.3 * (a * c - b**2))
     convex &= a * c - b**2 > 1e-8 * a * c
     distance = np.linalg.norm(off, axis=0).reshape(9, count)
     least, rows = distance.argmin(axis=0), np.arange(count)
-    return convex.reshape(9, count).all(axis=0), place[:, least, rows], distance[least, rows]
+    return (
+        convex.reshape(9, count).all(axis=0),
+        place[:, least, rows],
+        distance[least, rows],
+    )
 
 
 def _halved(
@@ -274,7 +282,9 @@ def _halved(
             corner = square[..., own].copy()
             corner[axis, 1 - half] = corner[axis].mean(axis=0)
             for got, new in zip(
-                found, (row[own], leaf[own], np.moveaxis(part, 1, 1 + axis), corner), strict=True
+                found,
+                (row[own], leaf[own], np.moveaxis(part, 1, 1 + axis), corner),
+                strict=True,
             ):
                 got.append(new)
     rows, leaves, parts, corners = found
@@ -359,18 +369,22 @@ def descend(
     slack = 4.0 * np.finfo(float).eps * pieces.size
     active = np.arange(len(points))
     for _ in range(STEPS):
-        x, *slopes = pieces.values(new_leaf[active], new[:, active])
+        x, slopes = pieces.values(new_leaf[active], new[:, active])
         off = x - goal[:, active]
         distance = np.sqrt(np.einsum("dm,dm->m", off, off))
         # near a foot distances differ by rounding only, the place does not
         better = distance <= best[active] * (1.0 + 1e-14) + slack
         own = active[better]
-        leaf[own], place[:, own], best[own] = new_leaf[own], new[:, own], distance[better]
+        leaf[own], place[:, own], best[own] = (
+            new_leaf[own],
+            new[:, own],
+            distance[better],
+        )
         low, high = (
             pieces.ends(leaf[own]) if square is None else np.moveaxis(square[..., own], 1, 0)
         )
         step[:, own], newton[own] = _step(
-            off[:, better], [slope[:, better] for slope in slopes], place[:, own], low, high
+            off[:, better], slopes[..., better], place[:, own], low, high
         )
         share[own] = 1.0
         share[active[~better]] *= 0.25
@@ -394,30 +408,31 @@ def descend(
     return leaf, place, best, settled
 
 
-def _forms(
-    off: np.ndarray,
-    u: np.ndarray,
-    v: np.ndarray,
-    uu: np.ndarray,
-    uv: np.ndarray,
-    vv: np.ndarray,
-) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-    """First fundamental form, and second derivatives of half the squared distance."""
-    first = _dot(u, u), _dot(u, v), _dot(v, v)
-    second = tuple(a + _dot(off, bent) for a, bent in zip(first, (uu, uv, vv), strict=True))
-    return first, second
+def _forms(off: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """First fundamental form, and derivatives of half the squared distance.
+
+    Second ones, (3, m) as the form, and first ones, (2, m).
+    """
+    u, v = slopes[:2]
+    first = np.stack([_dot(u, u), _dot(u, v), _dot(v, v)])
+    along = np.einsum("kdm,dm->km", slopes, off)
+    return first, first + along[2:], along[:2]
 
 
 def _step(
-    off: np.ndarray, slopes: list[np.ndarray], place: np.ndarray, low: np.ndarray, high: np.ndarray
+    off: np.ndarray,
+    slopes: np.ndarray,
+    place: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Steps (2, m) towards feet, subtracted from places, and whether they are Newton's."""
-    (a, b, c), bent = _forms(off, *slopes)
-    slope = np.stack([_dot(off, slopes[0]), _dot(off, slopes[1])])
+    first, bent, slope = _forms(off, slopes)
+    a, b, c = first
     # second derivatives count where they leave the function convex
     convex = (bent[0] * bent[2] - bent[1] ** 2 > 1e-3 * (a * c - b**2)) & (bent[0] > 0.0)
     floor = 1e-14 * np.maximum(a + c, 1e-300)
-    p, r, q = (np.where(convex, x, y) for x, y in zip(bent, (a, b, c), strict=True))
+    p, r, q = np.where(convex, bent, first)
     p, q = p + floor, q + floor
     determinant = p * q - r**2
     determinant = np.where(np.abs(determinant) > 1e-300, determinant, 1e-300)
@@ -425,7 +440,7 @@ def _step(
     # at a border only the other one moves
     out = ((place <= low + 1e-12) & (slope > 0.0)) | ((place >= high - 1e-12) & (slope < 0.0))
     bowl = np.stack([bent[0] > 0.1 * a, bent[2] > 0.1 * c])
-    diagonal = np.where(bowl, np.stack([bent[0], bent[2]]), np.stack([a, c]))
+    diagonal = np.where(bowl, bent[::2], first[::2])
     alone = slope / np.maximum(diagonal, 1e-300)
     step = np.where(out, 0.0, np.where(out[::-1], alone, step))
     # farther than three pieces nothing is known of the surface

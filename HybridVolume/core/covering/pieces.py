@@ -114,7 +114,10 @@ class Pieces:
         rational = np.ptp(weights) > 0.0
         powers = [_powers(degree) for degree in face.degrees]
         coefficients = np.einsum(
-            "ai,bj,nijd->abdn", *powers, nets[..., : 4 if rational else 3], optimize=True
+            "ai,bj,nijd->abdn",
+            *powers,
+            nets[..., : 4 if rational else 3],
+            optimize=True,
         )
         low, high = hulls.min(axis=1), hulls.max(axis=1)
         middle = 0.5 * (low + high)
@@ -139,9 +142,9 @@ class Pieces:
         """Pieces in each direction."""
         return len(self.lines[0]) - 1, len(self.lines[1]) - 1
 
-    def values(self, leaf: np.ndarray, place: np.ndarray) -> list[np.ndarray]:
-        """Points, and their derivatives along u, v, uu, uv, vv by places, (3, m) each."""
-        return _quotients(_polynomial(np.take(self.coefficients, leaf, axis=-1), place))
+    def values(self, leaf: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points (3, m), and derivatives along u, v, uu, uv, vv by places, (5, 3, m)."""
+        return _values(np.take(self.coefficients, leaf, axis=-1), place)
 
     def start(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Piece and place of the seed that is nearest to each point, (m,) and (2, m)."""
@@ -331,10 +334,12 @@ def _horner(coefficients: np.ndarray, x: np.ndarray) -> np.ndarray:
     found = np.zeros((3, *coefficients.shape[1:]))
     value, first, second = found
     value += coefficients[-1]
-    for row in coefficients[-2::-1]:
-        second *= x
-        second += first
-        first *= x
+    for k, row in enumerate(coefficients[-2::-1]):
+        if k > 1:
+            second *= x
+        if k > 0:
+            second += first
+            first *= x
         first += value
         value *= x
         value += row
@@ -342,44 +347,46 @@ def _horner(coefficients: np.ndarray, x: np.ndarray) -> np.ndarray:
     return found
 
 
-def _polynomial(coefficients: np.ndarray, place: np.ndarray) -> list[np.ndarray]:
-    """Homogeneous values and derivatives along u, v, uu, uv, vv; (3 or 4, m) each."""
-    along = _horner(coefficients, place[0])  # (3, q + 1, 4, m)
-    value, first, second = _horner(np.moveaxis(along, 1, 0), place[1])
-    return [value[0], value[1], first[0], value[2], first[1], second[0]]
+def _values(coefficients: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points (3, m), and derivatives along u, v, uu, uv, vv, (5, 3, m)."""
+    along = _horner(coefficients, place[0])  # (3, q + 1, 3 or 4, m)
+    across = _horner(along.swapaxes(0, 1), place[1])
+    found = across.reshape(9, *across.shape[2:])[[0, 1, 3, 2, 4, 6]]
+    x, slopes = found[0, :3], found[1:, :3]
+    if found.shape[1] == 3:
+        return x, slopes
+    w = found[:, 3:]
+    x = x / w[0]
+    slopes -= w[1:] * x
+    slopes /= w[0]
+    first, (wu, wv) = slopes[:2], w[1:3] / w[0]
+    slopes[2] -= 2.0 * wu * first[0]
+    slopes[3] -= wu * first[1] + wv * first[0]
+    slopes[4] -= 2.0 * wv * first[1]
+    return x, slopes
 
 
-def _quotients(found: list[np.ndarray]) -> list[np.ndarray]:
-    """Points and derivatives from homogeneous ones, each (3, ...)."""
-    if len(found[0]) == 3:
-        return found
-    w = found[0][3]
-    x = found[0][:3] / w
-    u, v = ((d[:3] - d[3] * x) / w for d in found[1:3])
-    uu = (found[3][:3] - found[3][3] * x - 2.0 * found[1][3] * u) / w
-    uv = (found[4][:3] - found[4][3] * x - found[1][3] * v - found[2][3] * u) / w
-    vv = (found[5][:3] - found[5][3] * x - 2.0 * found[2][3] * v) / w
-    return [x, u, v, uu, uv, vv]
-
-
-def _grid(coefficients: np.ndarray, at: np.ndarray) -> list[np.ndarray]:
-    """Points and derivatives of all pieces at k places (2, k); (3, k, n) each."""
+def _grid(coefficients: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points (3, k, n) and derivatives (5, 3, k, n) of all pieces at k places (2, k)."""
     count, places = coefficients.shape[-1], at.shape[1]
     wide = np.broadcast_to(coefficients[..., None, :], (*coefficients.shape[:-1], places, count))
     wide = wide.reshape(*coefficients.shape[:-1], -1)
-    found = _polynomial(wide, np.repeat(at, count, axis=1))
-    return [values.reshape(-1, places, count) for values in _quotients(found)]
+    x, slopes = _values(wide, np.repeat(at, count, axis=1))
+    return x.reshape(3, places, count), slopes.reshape(5, 3, places, count)
 
 
 def _bends(
-    coefficients: np.ndarray, shape: tuple[int, int], closed: tuple[bool, bool], size: float
+    coefficients: np.ndarray,
+    shape: tuple[int, int],
+    closed: tuple[bool, bool],
+    size: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Largest curvatures of pieces, and of these with those around them, 1/mm.
 
     Infinite where normals turn by too much or nowhere are, or sides of neighbours meet in a kink.
     """
     at = np.stack(np.meshgrid(_AT, _AT, indexing="ij")).reshape(2, -1)
-    _, u, v, uu, uv, vv = _grid(coefficients, at)
+    u, v, uu, uv, vv = _grid(coefficients, at)[1]
     a, b, c = _dot(u, u), _dot(u, v), _dot(v, v)
     area = np.maximum(a * c - b**2, 0.0)
     regular = (area > 1e-6 * a * c) & (a > 1e-12 * a.max()) & (c > 1e-12 * c.max())
@@ -457,7 +464,11 @@ def _groups(
 
 
 def _balls(
-    points: np.ndarray, distance: np.ndarray, middle: np.ndarray, radius: np.ndarray, size: float
+    points: np.ndarray,
+    distance: np.ndarray,
+    middle: np.ndarray,
+    radius: np.ndarray,
+    size: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of points and balls that are nearer than distances."""
     off = np.einsum("md,md->m", points, points)[:, None] - 2.0 * (points @ middle.T)
