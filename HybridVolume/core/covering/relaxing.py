@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""Corners of quads that are nearly flat or nearly closed are opened by moving inner vertices.
+"""Bad quads are opened by moving inner vertices: nearly flat or closed corners, shrunken sides.
 
 Vertices on edges stay. A vertex takes the best of some places around it, judged by the worst
-corner of the quads that have it; vertices of one quad never move at once.
+corner or side of the quads that have it; vertices of one quad never move at once.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from .quad_mesh import QuadCover
 
 GOOD = 0.5
 """Vertices of quads with a corner whose sine is below this are moved (30 or 150 degrees)."""
+TAPER = 2.5
+"""Worth of the ratio of two opposite sides, as if it were a sine: below .2 vertices are moved."""
 ROUNDS = 25
 _DIRECTIONS = 8
 _STEPS = (0.3, 0.1, 0.03)
@@ -44,7 +46,7 @@ def relaxed(
     points = cover.points.copy()
     normals = _normals(points[cover.quads])
     for _ in range(ROUNDS):
-        worst = sines(points[cover.quads], normals).min(axis=1)
+        worst = _worst(points[cover.quads], normals)
         vertices = np.unique(cover.quads[worst < GOOD])
         vertices = vertices[table.free[vertices]]
         if not len(vertices):
@@ -76,6 +78,14 @@ def sines(corners: np.ndarray, normals: np.ndarray) -> np.ndarray:
     area = np.einsum("...cd,...d->...c", np.cross(ahead, behind), normals)
     length = np.linalg.norm(ahead, axis=-1) * np.linalg.norm(behind, axis=-1)
     return area / np.maximum(length, 1e-300)
+
+
+def _worst(corners: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Worst corner of quads, or what their tapers are worth where that is less, (...)."""
+    side = np.linalg.norm(np.roll(corners, -1, axis=-2) - corners, axis=-1)
+    one, other = side[..., :2], side[..., 2:]
+    taper = np.minimum(one, other) / np.maximum(np.maximum(one, other), 1e-300)
+    return np.minimum(sines(corners, normals).min(axis=-1), TAPER * taper.min(axis=-1))
 
 
 def _normals(corners: np.ndarray) -> np.ndarray:
@@ -131,8 +141,8 @@ class _Neighbours:
             own[:, None, :, :, None], (points[vertices][:, None] + moves)[:, :, None, None],
             corners[:, None],
         )  # fmt: skip
-        found = sines(trial, normals[around][:, None])
-        worst = np.where(there[:, None, :, None], found, np.inf).min(axis=(2, 3))
+        found = _worst(trial, normals[around][:, None])
+        worst = np.where(there[:, None, :], found, np.inf).min(axis=2)
         best = worst.argmax(axis=1)
         rows = np.arange(len(vertices))
         return points[vertices] + moves[rows, best], worst[rows, best] - worst[:, 0]
