@@ -24,8 +24,8 @@ from HybridVolume.core.analysis.simplex_space import lattice, shape_functions
 from HybridVolume.core.atomic import beside
 
 from .cases import drawn_elsewhere
-from .quads_pictures import shrunk
 from .rates3d_table import short
+from .small_pictures import shrunk
 
 if TYPE_CHECKING:
     from .rates3d_problems import Problem

@@ -7,15 +7,16 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 
 from .cases import drawn_elsewhere
-from .quads_pictures import TIME_LIMIT, shrunk
+from .small_pictures import TIME_LIMIT, shrink_volumes
 
 NAMES = ("flange", "tee", "bracket", "shaft", "linkrods", "component8")
 """Bodies whose pictures are copied."""
+PICTURES = {name: f"steps_{name}.png" for name in NAMES}
+"""What the copies are called."""
 
 
 def draw(folder: Path, python: str) -> list[str]:
@@ -36,18 +37,5 @@ def draw(folder: Path, python: str) -> list[str]:
     return drawn_elsewhere(__name__, folder, python, TIME_LIMIT)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Shrink and print; return the exit code."""
-    (given,) = sys.argv[1:] if arguments is None else arguments
-    folder, made = Path(given), []
-    for name in NAMES:
-        source = folder / "volumes" / name / f"{name}.png"
-        if source.is_file():
-            made.append(f"steps_{name}.png")
-            shrunk(source, folder / made[-1])
-    print(json.dumps(made))
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(shrink_volumes(PICTURES))
