@@ -44,7 +44,6 @@ GAP = 1e-12
 MOST_PAIRS = 20_000
 """Pairs without a common point on one level at which to give up."""
 _CHUNK = 4096
-_ROUNDS = 1000
 
 # How a net is turned: 1 exchanges u and v, then 2 reverses the first, 4 the second direction.
 _TO_END = np.array([2, 0, 3, 1])
@@ -302,7 +301,7 @@ def _half_space(vectors: np.ndarray, guess: np.ndarray) -> np.ndarray:
     found = np.einsum("mki,mi->mk", vectors, guess).min(axis=1) > MARGIN
     rows = np.flatnonzero(~found)
     if len(rows):
-        found[rows] = in_half_space(vectors[rows], MARGIN, _ROUNDS)
+        found[rows] = in_half_space(vectors[rows], MARGIN)
     return found
 
 

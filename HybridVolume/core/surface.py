@@ -399,6 +399,10 @@ class PatchSurface:
 
     def volume(self) -> float:
         """Enclosed volume, mm³, by Gauss points on every knot span (divergence theorem)."""
+        return self._volume
+
+    @cached_property
+    def _volume(self) -> float:
         centre = self.control_points.mean(axis=0)
 
         def flux(x: np.ndarray, x_u: np.ndarray, x_v: np.ndarray) -> np.ndarray:
@@ -423,6 +427,10 @@ class PatchSurface:
 
     def area(self) -> float:
         """Surface area, mm²."""
+        return self._area
+
+    @cached_property
+    def _area(self) -> float:
         return float(
             self._integrate(lambda x, xu, xv: np.linalg.norm(np.cross(xu, xv), axis=1)).sum()
         )
