@@ -30,6 +30,7 @@ from ..assembly import build_surface
 from ..check import check_surface
 from ..surface import SplineFace
 from .coons import homogeneous_nets
+from .cusps import cusps_of
 from .effort import Effort
 from .extent import control_points
 from .geometry import SplineCurve
@@ -226,6 +227,7 @@ class _Search:
         self.size = float(np.linalg.norm(np.ptp(outline.vertices, axis=0))) / share
         self.geometry = Geometry.of(outline, curves, surfaces, tolerance)
         self.words = "quads on all faces"
+        self._cusps = cusps_of(outline, self.geometry.curves)
         self._rows = order_rows(self.geometry.strict, len(outline.edges))
         self._fewest = lower_bounds(outline, np.radians(turn), self.size)
         self._failure: HybridVolumeError | None = None
@@ -295,7 +297,7 @@ class _Search:
         """Patches on quads, and how many control points each quad costs."""
         geometry = self.geometry
         found = kept(meshed, self.outline, geometry)
-        bicubic = bicubic_nets(found.cover, geometry.curves, self.surfaces)
+        bicubic = bicubic_nets(found.cover, geometry.curves, self.surfaces, self._cusps)
         nets = homogeneous_nets(found.cover, bicubic, found.rims, geometry.planar)
         factor, deviation = np.ones(len(found.cover.quads)), np.zeros(len(self.surfaces))
         trial = _Trial(found, bicubic, nets, factor, bending(bicubic), deviation)

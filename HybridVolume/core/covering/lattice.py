@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..surface import SplineFace
+from .cusps import Cusp
 from .geometry import SplineCurve, project
 from .quad_mesh import QuadCover
 
@@ -31,7 +32,10 @@ _INVERSE = np.linalg.inv(_BERNSTEIN)
 
 
 def bicubic_nets(
-    cover: QuadCover, curves: Sequence[SplineCurve | None], surfaces: Sequence[SplineFace]
+    cover: QuadCover,
+    curves: Sequence[SplineCurve | None],
+    surfaces: Sequence[SplineFace],
+    cusps: Sequence[Cusp] = (),
 ) -> np.ndarray:
     """Bézier points of all quads.
 
@@ -42,6 +46,8 @@ def bicubic_nets(
         Of the outline's edges.
     surfaces : sequence of SplineFace
         Of its faces.
+    cusps : sequence of Cusp
+        Corners in which edges have one direction.
 
     Returns
     -------
@@ -68,6 +74,15 @@ def bicubic_nets(
     for edge in np.unique(cover.rim_edge).tolist():
         own = rim[cover.rim_edge == edge]
         sides[own] = _along(curves[edge], points[first[own]], points[last[own]])
+    for edge, cusp in ((edge, corner) for corner in cusps for edge in corner.edges):
+        own = rim[cover.rim_edge == edge]
+        ends = np.stack([points[first[own]], points[last[own]]])
+        away = np.linalg.norm(ends - cusp.point, axis=2)
+        row = int(away.min(axis=0).argmin())
+        turn = int(away[:, row].argmin())
+        inner = sides[own[row]][::-1] if turn else sides[own[row]]
+        inner = _with_tangent(ends[turn, row], inner, ends[1 - turn, row], cusp.direction)
+        sides[own[row]] = inner[::-1] if turn else inner
 
     grid = np.empty((len(quads), 4, 4, 3))
     corner = ((0, 0), (3, 0), (3, 3), (0, 3))
@@ -87,6 +102,15 @@ def bicubic_nets(
         inside[own] = feet.reshape(-1, 2, 2, 3)
     grid[:, 1:3, 1:3] = inside
     return np.einsum("ia,jb,nabd->nijd", _INVERSE, _INVERSE, grid)
+
+
+def _with_tangent(
+    begin: np.ndarray, inner: np.ndarray, end: np.ndarray, direction: np.ndarray
+) -> np.ndarray:
+    """Points at thirds of a cubic, (2, 3), that is turned a little to begin in a direction."""
+    net = _INVERSE @ np.vstack([begin, inner, end])
+    net[1] = begin + direction * max(float((net[1] - begin) @ direction), 0.0)
+    return (_BERNSTEIN @ net)[1:3]
 
 
 def _on_faces(cover: QuadCover, surfaces: Sequence[SplineFace]) -> np.ndarray:

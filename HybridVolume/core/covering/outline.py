@@ -56,6 +56,14 @@ class Outline:
         """Number of faces."""
         return int(self.face.max()) + 1
 
+    @property
+    def following(self) -> np.ndarray:
+        """(nc,) int array: the coedge that follows each in its loop."""
+        last = np.append(np.flatnonzero(np.diff(self.loop)), len(self.loop) - 1)
+        after = np.arange(1, len(self.loop) + 1)
+        after[last] = np.append(0, last[:-1] + 1)
+        return after
+
     def sides(self, face: int) -> list[np.ndarray] | None:
         """Edges of the four sides of a face in their order; None where it has not four.
 

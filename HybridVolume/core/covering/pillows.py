@@ -82,9 +82,7 @@ def smooth_corners(cover: QuadCover, outline: Outline) -> np.ndarray:
     behind = np.roll(ahead, 1, axis=1)
     both = (ahead >= 0) & (behind >= 0)
     # where edges of a face follow each other in a corner
-    last = np.append(np.flatnonzero(np.diff(outline.loop)), len(outline.loop) - 1)
-    after = np.arange(1, len(outline.loop) + 1)
-    after[last] = np.append(0, last[:-1] + 1)
+    after = outline.following
     sharp = np.abs(outline.corner) > CORNER
     size = len(outline.edges)
     one, other = outline.edge[sharp], outline.edge[after[sharp]]
