@@ -12,7 +12,7 @@ from HybridVolume.core.assembly import build_surface
 from HybridVolume.core.check import check_surface
 from HybridVolume.freecad_python import import_freecad
 from HybridVolume.sources.covered import allowed_deviation
-from HybridVolume.sources.covering import is_known
+from HybridVolume.sources.covering import forget_limits, is_known
 from HybridVolume.sources.imprint import imprint_seams
 from HybridVolume.sources.inner_walls import without_inner_walls
 
@@ -211,10 +211,20 @@ def test_a_dying_process_is_a_refusal(tmp_path, monkeypatch):
     dying.chmod(0o755)
     monkeypatch.setenv("HYBRIDVOLUME_PYTHON", str(dying))
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    with pytest.raises(errors.InputError) as caught:
+    with pytest.raises(errors.LimitError) as caught:
         sources.read_shape(quarter(5.5))
     assert caught.value.remedy and "\n" not in caught.value.line
     assert [path.name for path in tmp_path.iterdir()] == ["python"]
+    # a window covers first and reads then: known until somebody asks anew
+    assert is_known(quarter(5.5))
+    forget_limits()
+    assert not is_known(quarter(5.5))
+    # an end that nobody intended is our fault, and stays one
+    dying.write_text("#!/bin/sh\necho 'ImportError: no x' >&2\nexit 1\n")
+    with pytest.raises(errors.FaultError, match="ImportError: no x"):
+        sources.read_shape(quarter(5.5))
+    forget_limits()
+    assert is_known(quarter(5.5))
 
 
 def test_a_damaged_answer_is_no_cover(tmp_path, monkeypatch):

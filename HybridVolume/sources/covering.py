@@ -374,12 +374,13 @@ class Covering:
         closed, whole = self._parted, self._kept[self._parted.origin]
         given = np.concatenate([self._given, whole])
         origin = np.concatenate([self._given[piece], whole])
-        count = len(self.solid.Faces)
+        given_faces = self.solid.Faces
+        count = len(given_faces)
         worst = np.zeros(count)
         np.maximum.at(worst, self._given, deviation)
         for patch, number in zip(closed.patches, whole.tolist(), strict=True):
             points = evaluate_face(patch, *random_parameters(number))
-            off = surface_distances(self.solid.Faces[number], points)
+            off = surface_distances(given_faces[number], points)
             worst[number] = max(worst[number], float(off.max()))
         old = self._united.numbers
         for face, off in self._merged.moved.items():

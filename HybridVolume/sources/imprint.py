@@ -162,12 +162,13 @@ def _failed(what: str, faces: list[str], figure: float | None = None) -> errors.
 
 def _origins(cut: Any, solid: Any) -> np.ndarray:
     """Faces that pieces come from: those whose area a point inside the piece lies on."""
-    boxes = [face.BoundBox for face in solid.Faces]
+    faces = solid.Faces
+    boxes = [face.BoundBox for face in faces]
     reach = 1e-6 * solid.BoundBox.DiagonalLength
     for box in boxes:
         box.enlarge(reach)
     whole: dict[int, list[tuple[Any, int]]] = {}
-    for k, face in enumerate(solid.Faces):
+    for k, face in enumerate(faces):
         whole.setdefault(face.hashCode(), []).append((face, k))
     found = []
     for piece in cut.Faces:
@@ -177,13 +178,13 @@ def _origins(cut: Any, solid: Any) -> np.ndarray:
             continue
         point = _inside(piece)
         near = [k for k, box in enumerate(boxes) if box.isInside(point)]
-        off = [_distance(point, solid.Faces[k]) for k in near]
+        off = [_distance(point, faces[k]) for k in near]
         found.append(near[int(np.argmin(off))] if near else -1)
     origin = np.array(found)
-    if np.any(origin < 0) or len(np.unique(origin)) != len(solid.Faces):
+    if np.any(origin < 0) or len(np.unique(origin)) != len(faces):
         raise _failed(
             "pieces of cut faces cannot be told apart",
-            [f"Face{k + 1}" for k in np.setdiff1d(np.arange(len(solid.Faces)), origin)],
+            [f"Face{k + 1}" for k in np.setdiff1d(np.arange(len(faces)), origin)],
         )
     return origin
 

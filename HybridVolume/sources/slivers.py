@@ -183,7 +183,7 @@ def _unified(body: _Body, found: Merged, wanted: dict[int, int]) -> Any:
     return joining.shape()
 
 
-def _without(body: _Body, found: Merged, wanted: dict[int, int]) -> Any:
+def _without(_: _Body, found: Merged, wanted: dict[int, int]) -> Any:
     """The solid without faces, the others extended."""
     gone = [
         face
