@@ -19,6 +19,7 @@ except (SetupError, ImportError) as missing:
 from HybridVolume.reproduce import main
 from HybridVolume.reproduce.steps import all_cases
 from HybridVolume.reproduce.steps_bodies import BODIES
+from HybridVolume.reproduce.steps_table import demands
 from HybridVolume.reproduce.steps_volume import triangle_volume
 
 APPROXIMATED = {"cam": 1e-4, "ellipsoid": 1e-3, "tee": 1e-5, "vase": 1e-5, "sweep": 1e-5}
@@ -65,6 +66,19 @@ def test_refusals_and_limits_are_rows(made):
     assert met == {"lidless": True, "tee": False}
     text = (folder / "steps.md").read_text()
     assert open_body["said"][0] in text and "no end within the limit" in text
+
+
+@pytest.mark.parametrize(("asked", "figure"), [(12, "12 of 12"), (9, "9 of 9 (3 not asked)")])
+def test_faces_that_were_not_come_to_are_not_found(asked, figure):
+    body = {
+        "elements": 4, "proved": 4, "embedded": True, "nodes": 9,
+        "diagonal": 10.0, "tolerance": 1e-3, "deviation": 1e-4, "off": 1e-4,
+        "faces_to_ask": 12, "faces_asked": asked, "faces_found": asked, "faces_with_strangers": [],
+    }  # fmt: skip
+    case = {"name": "one", "case": "one.step", "error": None, "state": "made", "bodies": [body]}
+    rows = demands({"scripted": [], "files": [case], "whole": False, "not_done": []})
+    (row,) = (row for row in rows if "getNodesByFace" in row["demand"])
+    assert row["figure"] == figure and row["met"] is (asked == 12)
 
 
 def test_finished_rows_are_kept(made, capsys):
