@@ -179,9 +179,13 @@ def _origins(cut: Any, solid: Any) -> np.ndarray:
         point = _inside(piece)
         near = [k for k, box in enumerate(boxes) if box.isInside(point)]
         off = [_distance(point, faces[k]) for k in near]
-        found.append(near[int(np.argmin(off))] if near else -1)
+        if min(off, default=np.inf) > reach:
+            # OCC's boxes may be too small for what turns about an axis
+            near = range(len(faces))
+            off = [_distance(point, face) for face in faces]
+        found.append(near[int(np.argmin(off))])
     origin = np.array(found)
-    if np.any(origin < 0) or len(np.unique(origin)) != len(faces):
+    if len(np.unique(origin)) != len(faces):
         raise _failed(
             "pieces of cut faces cannot be told apart",
             [f"Face{k + 1}" for k in np.setdiff1d(np.arange(len(faces)), origin)],
