@@ -18,6 +18,7 @@ import Part
 from FreeCAD import Vector
 
 from HybridVolume.sources.distances import surface_distances
+from HybridVolume.sources.imprint import imprint_seams
 
 
 def ring() -> Part.Face:
@@ -73,3 +74,18 @@ def test_distances_from_surfaces_with_poles_and_seams(face):
     # now and then OCC's search ends beside the foot, so ours may be nearer
     assert (found - occ).max() < 1e-9
     assert (np.abs(found - occ) < 1e-9).mean() > 0.95
+
+
+def test_pieces_of_a_turned_spindle_are_told_apart():
+    line = Part.BSplineCurve()
+    line.interpolate([Vector(r, 0.0, z) for r, z in ((0, 0), (5, 8), (8, 15), (0, 25))])
+    axis = Part.makeLine(Vector(0.0, 0.0, 25.0), Vector())
+    profile = Part.Face(Part.Wire([line.toShape(), axis]))
+    spindle = profile.revolve(Vector(), Vector(0.0, 0.0, 1.0), 360.0).Solids[0]
+    spindle.rotate(Vector(), Vector(1.0, 2.0, 3.0), 37.0)
+    spindle.translate(Vector(200.0, -50.0, 80.0))
+    cut = imprint_seams(spindle)
+    # OCC's box does not hold all of its only face
+    assert len(cut.origin) == len(cut.solid.Faces) > 8
+    assert not cut.origin.any()
+    assert cut.solid.isValid()
