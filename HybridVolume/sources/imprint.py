@@ -145,10 +145,16 @@ def imprint_seams(solid: Any, tolerance: float | None = None) -> Imprinted:
 
 def _triangulated_volume(solid: Any, deflection: float) -> float:
     """Volume between triangles, mm³, with a deflection that is a share of the diagonal."""
-    points, triangles = solid.copy().tessellate(deflection * solid.BoundBox.DiagonalLength)
+    box = solid.BoundBox
+    factor = 100.0 / box.DiagonalLength
+    # OCC does not come to an end on bodies of tenths of a millimetre
+    sized = solid.copy()
+    sized.translate(-box.Center)
+    sized.scale(factor)
+    points, triangles = sized.tessellate(100.0 * deflection)
     corners = np.array([tuple(point) for point in points])
     corners = (corners - corners.mean(axis=0))[np.array(triangles)]
-    return float(np.linalg.det(corners).sum()) / 6.0
+    return float(np.linalg.det(corners).sum()) / 6.0 / factor**3
 
 
 def _failed(what: str, faces: list[str], figure: float | None = None) -> errors.InputError:
