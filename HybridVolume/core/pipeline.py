@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import FaultError, InputError
+from .bending_spans import grown_again
 from .check import SingularPlaces, check_surface, check_uncut
 from .density import Density
 from .embedding_proof import prove_embedded
@@ -272,6 +273,13 @@ def complete(
         shell, certificate = paper_shell(body, field, options.w0, **across)
     else:
         shell, certificate = grow_shell(body, field, options.goal, spacing=spacing, **across)
+        if not (options.thickness or options.face_factors or options.evenness.asks):
+            body, shell, certificate = grown_again(
+                body,
+                (shell, certificate),
+                options.w0,
+                lambda finer: grow_shell(finer, field, options.goal, spacing=spacing, **across),
+            )
     if stage.singular.places:
         shell = replace(shell, notes=(stage.singular.sentence, *shell.notes))
     report("interior", 0.75, f"{certificate.valid} elements proved; interface, core, FEM mesh")
@@ -305,7 +313,7 @@ def complete(
         gap_volume=gap,
         report={
             "boundary_deviation": stage.deviation,
-            "evening": stage.evening,
+            "evening": evening_figures(options.evenness, surface, body),
             "search": search_figures(options),
             "method": options.method,
             "spacing": spacing.text,
