@@ -30,7 +30,7 @@ from ..assembly import build_surface
 from ..check import check_surface
 from ..surface import SplineFace
 from .coons import homogeneous_nets
-from .cusps import cusps_of
+from .cusps import cusps_of, with_directions
 from .effort import Effort
 from .extent import control_points
 from .geometry import SplineCurve
@@ -297,6 +297,10 @@ class _Search:
         """Patches on quads, and how many control points each quad costs."""
         geometry = self.geometry
         found = kept(meshed, self.outline, geometry)
+        # faces that keep their parameters keep their edges
+        fixed = self.outline.edge[np.isin(self.outline.face, list(found.grids))]
+        rims = with_directions(found.rims, found.cover, self._cusps, set(fixed.tolist()))
+        found = replace(found, rims=rims)
         bicubic = bicubic_nets(found.cover, geometry.curves, self.surfaces, self._cusps)
         nets = homogeneous_nets(found.cover, bicubic, found.rims, geometry.planar)
         factor, deviation = np.ones(len(found.cover.quads)), np.zeros(len(self.surfaces))

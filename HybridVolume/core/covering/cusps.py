@@ -9,18 +9,22 @@ each other: patches fold. So both get the direction of the simpler one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .geometry import SplineCurve
 from .outline import Outline
+from .quad_mesh import QuadCover
+from .rims import Piece, Rims
 
 SHARP = np.radians(3.0)
 """Corners that close more than to this angle are cusps."""
 TOUCHING = np.radians(0.05)
 """Edges whose directions differ by less have the same."""
+ROUNDING = 1e-13
+"""Directions that differ by less, rad, are left as they are."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,41 @@ def cusps_of(outline: Outline, curves: Sequence[SplineCurve | None]) -> list[Cus
         simpler = min((0, 1), key=lambda k: len(curves[ends[k][0]].control_points))
         found.append(Cusp((ends[0][0], ends[1][0]), *away[simpler]))
     return found
+
+
+def with_directions(
+    rims: Rims, cover: QuadCover, cusps: Sequence[Cusp], fixed: Collection[int]
+) -> Rims:
+    """Pieces of edges that begin in the directions of the cusps.
+
+    Two exact pieces may differ there in the eighth digit, and have neither a normal nor none then.
+
+    Parameters
+    ----------
+    rims : Rims
+    cover : QuadCover
+    cusps : sequence of Cusp
+    fixed : collection of int
+        Edges whose pieces stay as they are.
+    """
+    pieces = dict(rims.piece)
+    for edge, cusp in ((edge, corner) for corner in cusps for edge in corner.edges):
+        rows = np.flatnonzero(cover.rim_edge == edge)
+        away = np.linalg.norm(cover.points[cover.rim[rows]] - cusp.point, axis=2)
+        row, last = np.unravel_index(int(away.argmin()), away.shape)
+        number = int(rows[row])
+        if edge in fixed or number not in pieces:
+            continue
+        piece = pieces[number].turned() if last else pieces[number]
+        points = piece.points.copy()
+        begin = points[0, :3] / points[0, 3]
+        step = points[1, :3] / points[1, 3] - begin
+        along = cusp.direction * max(float(step @ cusp.direction), 0.0)
+        if np.linalg.norm(step - along) > ROUNDING * np.linalg.norm(step):
+            points[1, :3] = points[1, 3] * (begin + along)
+            turned = Piece(piece.knots, points)
+            pieces[number] = turned.turned() if last else turned
+    return replace(rims, piece=pieces)
 
 
 def _end(curve: SplineCurve, last: bool) -> tuple[np.ndarray, np.ndarray]:
