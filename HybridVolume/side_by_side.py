@@ -7,6 +7,7 @@ This module needs the standard library only.
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -27,15 +28,21 @@ def workers_at_once() -> int:
     return max(1, min(cores or 1, MOST, int(_free_memory() // MEMORY)))
 
 
-def _free_memory(told: Path = Path("/proc/meminfo")) -> float:
-    """Bytes that processes can have; 0 where the system does not tell."""
-    try:
+def _free_memory(told: Path = Path("/proc/meminfo"), group: Path = Path("/sys/fs/cgroup")) -> float:
+    """Bytes that processes can have; 0 where the system does not tell.
+
+    Containers may have a limit of their own (control groups of the second version).
+    """
+    free = 0.0
+    with contextlib.suppress(OSError, ValueError, IndexError):
         for line in told.read_text(encoding="ascii").splitlines():
             if line.startswith("MemAvailable:"):
-                return 1024.0 * int(line.split()[1])
-    except (OSError, ValueError, IndexError):
-        pass
-    return 0.0
+                free = 1024.0 * int(line.split()[1])
+    with contextlib.suppress(OSError, ValueError):
+        # "max" where there is no limit
+        limit = int((group / "memory.max").read_text(encoding="ascii"))
+        free = min(free, limit - int((group / "memory.current").read_text(encoding="ascii")))
+    return max(free, 0.0)
 
 
 def in_order(

@@ -14,6 +14,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
@@ -104,7 +105,9 @@ class WorkerProcess:
             )
         self.pid = self._process.pid
         # A thread reads the pipe: that works on every system, and nothing of FreeCAD runs in it.
-        threading.Thread(target=self._read_lines, daemon=True).start()
+        self._reader = threading.Thread(target=self._read_lines, daemon=True)
+        self._reader.start()
+        self._ended: float | None = None
 
     def line(self, wait: float = 0.0) -> str | None:
         """Return the next line, None at the end of the output.
@@ -126,8 +129,15 @@ class WorkerProcess:
         """Whether it has ended and all of its lines are taken.
 
         Killed, a worker may leave children that hold the pipe open: its output then has no end.
+        What it wrote last may still be on its way through the pipe and our thread, though, so this
+        waits `GRACE` seconds from when its end was first seen.
         """
-        return self._process.poll() is not None and self._lines.empty()
+        reading = self._reader.is_alive()  # asked first: what it still adds is seen below
+        if self._process.poll() is None or not self._lines.empty():
+            return False
+        if self._ended is None:
+            self._ended = time.monotonic()
+        return not reading or time.monotonic() > self._ended + GRACE
 
     @property
     def code(self) -> int | None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 import os
 import stat
 import sys
-from pathlib import Path
 
 import pytest
 from bodies import torus
@@ -18,13 +17,15 @@ from HybridVolume.side_by_side import in_order, workers_at_once
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="workers are made of POSIX scripts")
 
-# Each worker waits for as many others as its name asks for, then for its time.
+# "slow" and "quick" wait for each other, "endless" waits for its end.
 WORKER = """
 import json, os, sys, time
 folder = sys.argv[-1]
 place = os.environ["MEETING"]
 name = json.load(open(os.path.join(folder, "job.json")))["name"]
 open(os.path.join(place, name + ".started"), "w").write(str(os.getpid()))
+while name == "quick" and os.environ["PAIR"] and not os.path.exists(place + "/slow.started"):
+    time.sleep(0.01)
 running = [n for n in os.listdir(place) if n.endswith(".started")
            and not os.path.exists(os.path.join(place, n[:-8] + ".ended"))]
 open(os.path.join(place, name + ".seen"), "w").write(str(len(running)))
@@ -52,12 +53,14 @@ def make(tmp_path, monkeypatch):
     python.write_text(f"#!{sys.executable}\n{WORKER}")
     python.chmod(python.stat().st_mode | stat.S_IXUSR)
     faces = torus().faces
+    monkeypatch.setenv("PAIR", "")
     return lambda *names: [
         Job(faces, name=name, python=str(python), parent=tmp_path) for name in names
     ]
 
 
-def test_ends_come_in_order_and_not_too_many_run(make, tmp_path):
+def test_ends_come_in_order_and_not_too_many_run(make, tmp_path, monkeypatch):
+    monkeypatch.setenv("PAIR", "1")
     # the first can only end when the second has: they run at once
     jobs = make("slow", "quick", "bad", "last")
     told = []
@@ -104,9 +107,14 @@ def test_a_job_that_cannot_start_fails_alone(make, tmp_path):
 def test_as_many_as_there_is_room_for(monkeypatch, tmp_path, free, cores, count):
     told = tmp_path / "meminfo"
     told.write_text(f"MemTotal: 9 kB\nMemAvailable: {int(free / 1024)} kB\n", encoding="ascii")
-    read = side_by_side._free_memory(Path(told))
+    read = side_by_side._free_memory(told, tmp_path)
     assert abs(read - free) < 1024.0
-    assert side_by_side._free_memory(tmp_path / "absent") == 0.0
+    assert side_by_side._free_memory(tmp_path / "absent", tmp_path) == 0.0
+    (tmp_path / "memory.current").write_text("1000000000\n")
+    (tmp_path / "memory.max").write_text("2500000000\n")
+    assert side_by_side._free_memory(told, tmp_path) == 1.5e9
+    (tmp_path / "memory.max").write_text("max\n")
+    assert side_by_side._free_memory(told, tmp_path) == read
     monkeypatch.setattr(side_by_side, "_free_memory", lambda: read)
     if hasattr(os, "sched_getaffinity"):
         monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(cores)))
