@@ -22,4 +22,6 @@ need_packages "${packages_run[@]}"
 need_newer_packages
 need_environment
 exec 9>&- # the work itself may run side by side
+# Many small matrices: threads would wait for each other. Workers set these themselves.
+export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 exec /usr/bin/python3 -P -m HybridVolume "${arguments[@]}"
