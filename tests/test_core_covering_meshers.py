@@ -6,6 +6,7 @@ import importlib.util
 import json
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import pytest
 
 from HybridVolume.core.assembly import build_surface
 from HybridVolume.core.check import check_surface
+from HybridVolume.core.covering import exchange
 from HybridVolume.core.covering.edge_points import edge_points
 from HybridVolume.core.covering.effort import Effort
 from HybridVolume.core.covering.exchange import (
@@ -276,16 +278,38 @@ def test_ends_without_an_answer_are_told():
     assert isinstance(fault, FaultError) and "code 1 (last words)" in fault.message
 
 
-def test_faults_inside_are_no_refusals(tmp_path):
-    """Surfaces that are no numbers: nothing about the body can be told, and the code is 1."""
-    outline, curves, surfaces = prism()
-    curves[0] = SplineCurve(1, LINE, np.full((2, 3), np.nan), np.ones(2))
-    write_body(tmp_path, outline, curves, surfaces, {"tolerance": 1e-3, "turn": 60.0})
-    command = [sys.executable, "-m", "HybridVolume.core.covering.exchange", str(tmp_path)]
-    ending = subprocess.run(command, cwd=PROJECT, capture_output=True, timeout=120, check=False)
+def inside_this_process(folder, monkeypatch, cover_body, task):
+    """Run the process's main function here, with another way to cover; its exit code."""
+    monkeypatch.setattr(exchange, "cover_body", cover_body)
+    monkeypatch.setattr(exchange, "end_after", lambda *_: threading.Event())
+    monkeypatch.setattr(exchange, "end_with_parent", lambda: None)
+    monkeypatch.setattr(exchange, "end_with_input", lambda: None)
+    monkeypatch.setattr(exchange, "limit_memory", lambda most: most)
+    write_body(folder, *prism(), {"tolerance": 1e-3, **task})
+    return exchange.main([str(folder)])
+
+
+@pytest.mark.parametrize("fault", [ZeroDivisionError("by 0"), RuntimeError("odd"), KeyError(3)])
+def test_faults_inside_are_no_refusals(fault, tmp_path, monkeypatch):
+    def fails(*_, **__):
+        raise fault
+
+    assert inside_this_process(tmp_path, monkeypatch, fails, {"turn": 60.0}) == 1
     told = from_dict(json.loads((tmp_path / ERROR).read_text()))
-    assert ending.returncode == 1 and isinstance(told, FaultError)
+    assert isinstance(told, FaultError) and type(fault).__name__ in told.message
     assert "report" in told.remedy and not (tmp_path / COVER).exists()
+
+
+def test_the_first_sizes_get_half_of_the_time(tmp_path, monkeypatch):
+    """And the next ones half of what is left, however little of the clock has gone by."""
+    given = []
+
+    def fails(*_, seconds, **__):
+        given.append(seconds)
+        raise InputError("too far", faces=["Face1"])
+
+    assert inside_this_process(tmp_path, monkeypatch, fails, {"seconds": 200.0}) == 2
+    assert given[:2] == pytest.approx([90.0, 90.0], abs=2.0)
 
 
 def test_a_fault_is_told_before_refusals():

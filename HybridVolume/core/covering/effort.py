@@ -83,7 +83,7 @@ class Effort:
         return min(clock, now - self._processor)
 
     def left(self, seconds: float, running: Sequence[int] = ()) -> float:
-        """What is left at least of so many seconds, s; nothing where the work hangs.
+        """Seconds of the clock for which the work may go on at least; none where it hangs.
 
         Parameters
         ----------

@@ -217,7 +217,7 @@ def _cover(
         first = sizes.pop("first", "")
         if first and engines == {first}:
             continue  # it was the only one before, too
-        left = effort.left(seconds)
+        left = seconds - effort.seconds()
         if failures and left < WORTH * seconds:
             break
         done = 1.0 - 0.5**number

@@ -69,7 +69,9 @@ def run_mesher(engine: str, request: Request, seconds: float) -> Answer:
     answers: list[Answer] = []
     reasons: list[str] = []
     for _ in range(RESTARTS + 1):
-        found, reason, complained = _run(engine, replace(request, faces=left), effort.left(seconds))
+        found, reason, complained = _run(
+            engine, replace(request, faces=left), seconds - effort.seconds()
+        )
         answers += [_whole(engine, answer) for answer in found]
         if not reason:
             left = left[:0]
@@ -80,7 +82,7 @@ def run_mesher(engine: str, request: Request, seconds: float) -> Answer:
             break
         # the face behind the last one that it got over is the one it cannot do
         left = left[sum(len(answer.done) for answer in found) + 1 :]
-        if not len(left) or effort.left(seconds) <= 0.0:
+        if not len(left) or effort.seconds() >= seconds:
             break
     if not any(len(answer.elements) for answer in answers):
         raise MesherError("; ".join(dict.fromkeys(reasons)) or f"{engine} meshes none of the faces")
