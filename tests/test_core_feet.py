@@ -167,3 +167,14 @@ def test_feet_on_a_flat_ellipse_are_the_nearest():
     slope = np.einsum("md,md->m", curve.evaluate(t) - points, curve.evaluate(t, 1))
     inside = (t > 0.0) & (t < 1.0)
     assert np.abs(slope[inside]).max() < 1e-8
+
+
+def test_many_bent_spans_come_to_an_end():
+    # two parts a span would be more pieces than are made
+    face = wavy(3, 2, (40, 40), 8, (20.0, 20.0))
+    rng = np.random.default_rng(9)
+    on = evaluate(face, rng.uniform(0, 1, (300, 2)))[0]
+    points = on + rng.normal(0, 1e-3, on.shape)
+    found = nearest(face, points)
+    assert (found.distance <= np.linalg.norm(points - on, axis=1) + 1e-13).all()
+    assert found.gap.max() == 0.0

@@ -228,11 +228,7 @@ def _search(
         tried = np.flatnonzero(convex | (distance < best.distance[row]))
         if len(tried):
             _, place, distance, settled = descend(
-                pieces,
-                best.points[row[tried]],
-                leaf[tried],
-                place[:, tried],
-                square[..., tried],
+                pieces, best.points[row[tried]], leaf[tried], place[:, tried], square[..., tried]
             )
             best.take(pieces, row[tried], leaf[tried], place, distance)
             convex[tried] &= settled
@@ -257,11 +253,7 @@ def _looked_at(
     convex &= a * c - b**2 > 1e-8 * a * c
     distance = np.linalg.norm(off, axis=0).reshape(9, count)
     least, rows = distance.argmin(axis=0), np.arange(count)
-    return (
-        convex.reshape(9, count).all(axis=0),
-        place[:, least, rows],
-        distance[least, rows],
-    )
+    return (convex.reshape(9, count).all(axis=0), place[:, least, rows], distance[least, rows])
 
 
 def _halved(
@@ -282,9 +274,7 @@ def _halved(
             corner = square[..., own].copy()
             corner[axis, 1 - half] = corner[axis].mean(axis=0)
             for got, new in zip(
-                found,
-                (row[own], leaf[own], np.moveaxis(part, 1, 1 + axis), corner),
-                strict=True,
+                found, (row[own], leaf[own], np.moveaxis(part, 1, 1 + axis), corner), strict=True
             ):
                 got.append(new)
     rows, leaves, parts, corners = found
@@ -375,11 +365,7 @@ def descend(
         # near a foot distances differ by rounding only, the place does not
         better = distance <= best[active] * (1.0 + 1e-14) + slack
         own = active[better]
-        leaf[own], place[:, own], best[own] = (
-            new_leaf[own],
-            new[:, own],
-            distance[better],
-        )
+        leaf[own], place[:, own], best[own] = (new_leaf[own], new[:, own], distance[better])
         low, high = (
             pieces.ends(leaf[own]) if square is None else np.moveaxis(square[..., own], 1, 0)
         )
@@ -420,11 +406,7 @@ def _forms(off: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 
 
 def _step(
-    off: np.ndarray,
-    slopes: np.ndarray,
-    place: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
+    off: np.ndarray, slopes: np.ndarray, place: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Steps (2, m) towards feet, subtracted from places, and whether they are Newton's."""
     first, bent, slope = _forms(off, slopes)

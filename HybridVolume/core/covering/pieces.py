@@ -35,6 +35,9 @@ TOWARDS_POLES = 4
 STRAIGHT = 0.3
 """Distances below this share of a piece's radius of curvature have one foot there."""
 
+_BLOCK = 5_000
+"""Pieces that are looked at at once, which bounds the memory."""
+
 _AT = np.linspace(-1.0, 1.0, 5)
 """Places in each direction at which pieces are looked at."""
 
@@ -114,21 +117,24 @@ class Pieces:
         rational = np.ptp(weights) > 0.0
         powers = [_powers(degree) for degree in face.degrees]
         coefficients = np.einsum(
-            "ai,bj,nijd->abdn",
-            *powers,
-            nets[..., : 4 if rational else 3],
-            optimize=True,
+            "ai,bj,nijd->abdn", *powers, nets[..., : 4 if rational else 3], optimize=True
         )
         low, high = hulls.min(axis=1), hulls.max(axis=1)
         middle = 0.5 * (low + high)
         radius = np.linalg.norm(hulls - middle[:, None], axis=2).max(axis=1)
         at = np.stack(np.meshgrid(_SEEDS, _SEEDS, indexing="ij")).reshape(2, -1)
-        seeds = _grid(coefficients, at)[0].transpose(2, 1, 0)
+        seeds = np.concatenate(
+            [
+                _grid(coefficients[..., first : first + _BLOCK], at)[0]
+                for first in range(0, len(nets), _BLOCK)
+            ],
+            axis=-1,
+        ).transpose(2, 1, 0)
         room, around = (STRAIGHT / bend for bend in _bends(coefficients, shape, closed, size))
         return cls(
             centre, size, lines, closed, nets, hulls, np.ascontiguousarray(coefficients),
             middle, radius, room, around, np.ascontiguousarray(seeds),
-            cKDTree(seeds.reshape(-1, 3)), _groups(shape, middle, radius),
+            cKDTree(seeds.reshape(-1, 3)), _groups(shape, middle, radius)
         )  # fmt: skip
 
     @property
@@ -191,7 +197,7 @@ class Pieces:
         found = np.ones(len(leaf), dtype=bool)
         for one, two, count, closed in zip(
             np.divmod(leaf, self.shape[1]), np.divmod(other, self.shape[1]), self.shape,
-            self.closed, strict=True,
+            self.closed, strict=True
         ):  # fmt: skip
             apart = np.abs(one - two)
             if closed:
@@ -271,7 +277,7 @@ def _lines(
         more = np.clip(np.ceil(lengths[axis] / longest), 1, MOST_PARTS).astype(int)
         parts[axis] = np.maximum(parts[axis], more)
     while parts[0].sum() * parts[1].sum() > MOST_PIECES and max(parts[0].max(), parts[1].max()) > 1:
-        parts = [np.maximum(1, np.ceil(0.7 * part - 0.3).astype(int)) for part in parts]
+        parts = [np.maximum(1, (0.7 * part).astype(int)) for part in parts]
     found = []
     for axis, (line, part) in enumerate(zip(spans, parts, strict=True)):
         line = _refined(line, part)
@@ -376,38 +382,19 @@ def _grid(coefficients: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _bends(
-    coefficients: np.ndarray,
-    shape: tuple[int, int],
-    closed: tuple[bool, bool],
-    size: float,
+    coefficients: np.ndarray, shape: tuple[int, int], closed: tuple[bool, bool], size: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Largest curvatures of pieces, and of these with those around them, 1/mm.
 
     Infinite where normals turn by too much or nowhere are, or sides of neighbours meet in a kink.
     """
-    at = np.stack(np.meshgrid(_AT, _AT, indexing="ij")).reshape(2, -1)
-    u, v, uu, uv, vv = _grid(coefficients, at)[1]
-    a, b, c = _dot(u, u), _dot(u, v), _dot(v, v)
-    area = np.maximum(a * c - b**2, 0.0)
-    regular = (area > 1e-6 * a * c) & (a > 1e-12 * a.max()) & (c > 1e-12 * c.max())
-    normal = np.cross(u, v, axis=0) / np.maximum(np.sqrt(area), 1e-300)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        d, e, f = _dot(normal, uu), _dot(normal, uv), _dot(normal, vv)
-        mean = 0.5 * (d * c - 2.0 * e * b + f * a) / area
-        product = (d * f - e**2) / area
-        most = np.abs(mean) + np.sqrt(np.maximum(mean**2 - product, 0.0))
-        lines = [
-            np.linalg.norm(np.cross(one, two, axis=0), axis=0) / length**1.5
-            for one, two, length in ((u, uu, a), (v, vv, c))
-        ]
-        bend = np.maximum(most, np.maximum(*lines))
-    bend = np.where(regular & np.isfinite(bend), bend, np.inf).max(axis=0)
-    # places between the samples may be bent more
-    bend = 1.5 * bend + 0.1 / size
-    middle = normal.sum(axis=1)
-    middle /= np.maximum(np.linalg.norm(middle, axis=0), 1e-300)
-    cone = np.arccos(np.clip(np.einsum("dkn,dn->kn", normal, middle), -1.0, 1.0)).max(axis=0)
-    bend[cone > CONE] = np.inf
+    parts = [
+        _turns(coefficients[..., first : first + _BLOCK], size)
+        for first in range(0, coefficients.shape[-1], _BLOCK)
+    ]
+    bend, middle, cone, normal = (
+        np.concatenate(values, axis=-1) for values in zip(*parts, strict=True)
+    )
     around = bend.reshape(shape).copy()
     sides = normal.reshape(3, 5, 5, *shape)
     for axis, (first, last) in enumerate(
@@ -429,6 +416,36 @@ def _bends(
             wide = np.where(there, np.maximum(wide, turned), wide)
     most[wide > WIDE_CONE] = np.inf
     return bend, most.ravel()
+
+
+def _turns(
+    coefficients: np.ndarray, size: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Curvatures (n,), mean normals (3, n), their cones (n,) and normals (3, 25, n) of pieces."""
+    at = np.stack(np.meshgrid(_AT, _AT, indexing="ij")).reshape(2, -1)
+    u, v, uu, uv, vv = _grid(coefficients, at)[1]
+    a, b, c = _dot(u, u), _dot(u, v), _dot(v, v)
+    area = np.maximum(a * c - b**2, 0.0)
+    regular = (area > 1e-6 * a * c) & (np.minimum(a, c) > 1e-16 * size**2)
+    normal = np.cross(u, v, axis=0) / np.maximum(np.sqrt(area), 1e-300)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        d, e, f = _dot(normal, uu), _dot(normal, uv), _dot(normal, vv)
+        mean = 0.5 * (d * c - 2.0 * e * b + f * a) / area
+        product = (d * f - e**2) / area
+        most = np.abs(mean) + np.sqrt(np.maximum(mean**2 - product, 0.0))
+        lines = [
+            np.linalg.norm(np.cross(one, two, axis=0), axis=0) / length**1.5
+            for one, two, length in ((u, uu, a), (v, vv, c))
+        ]
+        bend = np.maximum(most, np.maximum(*lines))
+    bend = np.where(regular & np.isfinite(bend), bend, np.inf).max(axis=0)
+    # places between the samples may be bent more
+    bend = 1.5 * bend + 0.1 / size
+    middle = normal.sum(axis=1)
+    middle /= np.maximum(np.linalg.norm(middle, axis=0), 1e-300)
+    cone = np.arccos(np.clip(np.einsum("dkn,dn->kn", normal, middle), -1.0, 1.0)).max(axis=0)
+    bend[cone > CONE] = np.inf
+    return bend, middle, cone, normal
 
 
 def _there(shape: tuple[int, int], closed: tuple[bool, bool], i: int, j: int) -> np.ndarray:
@@ -464,11 +481,7 @@ def _groups(
 
 
 def _balls(
-    points: np.ndarray,
-    distance: np.ndarray,
-    middle: np.ndarray,
-    radius: np.ndarray,
-    size: float,
+    points: np.ndarray, distance: np.ndarray, middle: np.ndarray, radius: np.ndarray, size: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of points and balls that are nearer than distances."""
     off = np.einsum("md,md->m", points, points)[:, None] - 2.0 * (points @ middle.T)
