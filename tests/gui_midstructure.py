@@ -15,6 +15,7 @@ from gui_scenarios import (
     screenshot,
     state,
     wait,
+    wait_for,
     widget,
     workers,
 )
@@ -219,6 +220,8 @@ def by_mouse(answer):
     wait(300)
     answer["hovered"] = [before, colour_at(aside + QtCore.QPoint(8, 8))]
     click(aside)
+    # hints come a moment after the change
+    wait_for(lambda: child("hint", QtGui.QLabel).text().startswith("0 of"))
     answer["removed"] = seen(doc)
     key("ctrl+z")
     answer["undone"] = seen(doc)

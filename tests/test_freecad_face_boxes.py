@@ -2,6 +2,8 @@
 # SPDX-FileCopyrightText: The HybridVolume authors
 """Nodes of faces that reach out of the box in which FreeCAD looks for them are found on a copy."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -16,8 +18,10 @@ except SetupError as missing:
 
 import Part
 
+from HybridVolume.objects import node_search
 from HybridVolume.objects.coverage import cover
 from HybridVolume.objects.fem_mesh import MeshArrays, build
+from HybridVolume.sources.distances import surface_distances
 
 POLES = ((20, 0), (9, 13), (-5, 15), (-12, 4), (-9, -12), (8, -11))
 HEIGHT = 8.0
@@ -78,3 +82,28 @@ def test_nodes_at_the_rim_of_an_extruded_spline_are_found(cam):
     for number, edge in enumerate(found.copy.Edges, start=1):
         other = solid.Edges[number - 1]
         assert len(mesh.getNodesByEdge(edge)) == len(mesh.getNodesByEdge(other)) > 1
+
+
+def test_nodes_beside_the_border_of_a_plane_are_found(cam, monkeypatch):
+    # distances from surfaces do not tell them, and a spread sample of nodes leaves them out
+    solid, arrays = cam
+    rim = (UP - 1) * AROUND + np.arange(AROUND)
+    middle = arrays.nodes[rim].mean(axis=0)
+    for node, off in ((rim[7], 5e-6), (rim[31], 2e-5)):
+        away = arrays.nodes[node] - middle
+        arrays.nodes[node] += off * away / np.linalg.norm(away)
+    monkeypatch.setattr(node_search, "SAMPLED_NODES", 3 * 4)
+    places = SimpleNamespace(
+        body=SimpleNamespace(cover=SimpleNamespace(inside=())),
+        tolerance=1e-3,
+        distances=lambda known, nodes: {
+            name: surface_distances(solid.Faces[int(name[4:]) - 1], nodes[own]).max()
+            for name, own in known.items()
+        },
+    )
+    found = cover(arrays, solid, places, seconds=0.0)
+    mesh = build(arrays)
+    for number, face in enumerate(found.copy.Faces, start=1):
+        own = np.unique(arrays.faces[f"Face{number}"][1]) + 1
+        assert set(own.tolist()) <= set(mesh.getNodesByFace(face))
+    assert found.lost == () and 2e-5 < found.tolerance < 1e-4

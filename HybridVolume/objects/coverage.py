@@ -10,8 +10,9 @@ against its CAD face here, at its own parameters, and looked for as the workbenc
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -197,7 +198,9 @@ def cover(
     if places is not None:
         measured = places.distances(known, arrays.nodes)
     shape, converted, outside = in_boxes(arrays.nodes, known, shape)
-    found = Search(arrays, known, shape, seconds, spread=places is not None).result
+    covered = places is not None and places.body.cover is not None
+    search = partial(Search, arrays, known, seconds=seconds, covered=covered)
+    found = search(shape, spread=places is not None).result
     # not only just within the tolerance
     allowed = {f"Face{n}": 0.9 * face.Tolerance for n, face in enumerate(shape.Faces, start=1)}
     beside = {name: value for name, value in measured.items() if value >= allowed[name]}
@@ -205,7 +208,7 @@ def cover(
     if beside or found.bad or found.lost or outside:
         slack = BEYOND * places.tolerance if places is not None else 0.0
         widest = max(WIDEST * shape.BoundBox.DiagonalLength, slack)
-        wide, wider = _widened(arrays, known, shape, seconds, found, beside, outside, widest)
+        wide, wider = _widened(search, arrays, shape, found, beside, outside, widest)
         if wide is not None:
             widened = sorted(beside, key=number_of) if slack else []
             copy, found, beside = wide, wider, {}
@@ -255,10 +258,9 @@ def cover(
 
 
 def _widened(
+    search: Callable[..., Search],
     arrays: MeshArrays,
-    known: Mapping[str, np.ndarray],
     shape: Any,
-    seconds: float,
     found: Found,
     beside: Mapping[str, float],
     outside: Mapping[str, float],
@@ -278,7 +280,8 @@ def _widened(
             if name not in beside
         }
         more = {k: v for k, v in {**missed, **wider.off}.items() if 2.0 * v <= widest}
-        more = {k: v for k, v in more.items() if k not in needed}
+        # of few nodes that were looked for first, others may be farther
+        more = {k: v for k, v in more.items() if v > needed.get(k, 0.0)}
         if copy is None:
             more |= {k: v for k, v in outside.items() if 2.0 * v <= widest} | dict(beside)
         if not more:
@@ -286,7 +289,7 @@ def _widened(
         needed |= more
         if 2.0 * max(needed.values()) > widest:
             return None, None
-        copy, wider = _copy_with(arrays, known, shape, seconds, needed, beside)
+        copy, wider = _copy_with(search, shape, needed, beside)
         if not wider.bad and not wider.lost:
             break
     if copy is None:
@@ -299,10 +302,8 @@ def _widened(
 
 
 def _copy_with(
-    arrays: MeshArrays,
-    known: Mapping[str, np.ndarray],
+    search: Callable[..., Search],
     shape: Any,
-    seconds: float,
     needed: Mapping[str, float],
     beside: Mapping[str, float],
 ) -> tuple[Any, Found]:
@@ -314,7 +315,7 @@ def _copy_with(
             part = getattr(copy, "Vertexes" if kind == "Vertex" else f"{kind}s")
             # with its edges and vertices, which are never narrower than it
             part[number_of(name) - 1].limitTolerance(max(_NARROWEST, room * value))
-        wider = Search(arrays, known, copy, seconds, wide=beside).result
+        wider = search(copy, wide=beside).result
         if not wider.strangers:
             break
     return copy, wider

@@ -28,6 +28,10 @@ SAMPLED_FACES = 500
 """Faces that are looked at in any case, where the nodes of all are measured: each costs OCC 3 ms
 before the first node."""
 
+BORDER_NODES = 2000
+"""Nodes on the faces' borders that are looked for in any case where faces were covered: their
+distance from a face is not that from its surface."""
+
 _BUNDLE = 64
 """Nodes in a mesh in which edges and vertices are looked for together."""
 
@@ -81,6 +85,9 @@ class Search:
         nothing is missed there; edges and vertices all are.
     wide : iterable of str
         Faces with a tolerance so wide that nodes beside them may be found in any case.
+    covered : bool
+        Nodes on the faces' borders may be beside the body's edges: up to `BORDER_NODES` of them
+        are looked for in any case.
 
     Attributes
     ----------
@@ -96,8 +103,9 @@ class Search:
         *,
         spread: bool = False,
         wide: Iterable[str] = (),
+        covered: bool = False,
     ) -> None:
-        self.arrays, self.known = arrays, known
+        self.arrays, self.known, self.covered = arrays, known, covered
         self.parts = {"Face": shape.Faces, "Edge": shape.Edges, "Vertex": shape.Vertexes}
         self.neighbours = edges_by_faces(shape)
         self.result = Found()
@@ -112,6 +120,12 @@ class Search:
     def _faces(self, seconds: float, spread: bool) -> None:
         share = max(4, SAMPLED_NODES // max(1, len(self.known)))
         sample = {name: spread_out(nodes, share) for name, nodes in self.known.items()}
+        if self.covered:
+            border = self._border()
+            share = max(4, BORDER_NODES // max(1, len(self.known)))
+            for name, nodes in self.known.items():
+                own = spread_out(np.intersect1d(nodes, border), share)
+                sample[name] = np.union1d(sample[name], own)
         looked, total = 0, sum(map(len, self.known.values()))
         names = list(self.known)
         first = [names[k] for k in spread_out(np.arange(len(names)), SAMPLED_FACES)]
@@ -131,6 +145,11 @@ class Search:
         self.result.bad = [name for name, nodes in rest.items() if self._missing(name, nodes)]
         self.result.searched = total
         self.result.strangers = self._strangers()
+
+    def _border(self) -> np.ndarray:
+        """Nodes on more than one face."""
+        every, times = np.unique(np.concatenate(list(self.known.values())), return_counts=True)
+        return every[times > 1]
 
     def _missing(self, name: str, nodes: np.ndarray) -> bool:
         missed = np.setdiff1d(nodes, self._find(name, "Face", nodes))
@@ -194,8 +213,7 @@ class Search:
 
     def _edges_and_vertices(self) -> None:
         """Nodes on the faces' common sides must be found on edges, and one on each vertex."""
-        every, times = np.unique(np.concatenate(list(self.known.values())), return_counts=True)
-        border = every[times > 1]
+        border, every = self._border(), np.unique(np.concatenate(list(self.known.values())))
         corner = self._vertices(border, every)
         shared = set(border.tolist())
         sides = {name: shared.intersection(nodes.tolist()) for name, nodes in self.known.items()}
