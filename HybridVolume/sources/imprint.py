@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from .. import errors
+from .covered import TOLERANCE
 from .faces import seam_edges
 from .poles import pole_cuts
 from .spheres import is_closed
@@ -24,9 +25,6 @@ logger = logging.getLogger(__name__)
 
 QUARTERS = (0.25, 0.5, 0.75)
 """Where a closed face is cut: pieces turn by a quarter at most, a piece each side of the seam."""
-
-TOLERANCE = 1e-4
-"""Largest distance of patches from the faces, as a share of the diagonal, if none is given."""
 
 VOLUME_TOLERANCE = 1e-4
 """Largest change of the volume by cutting, as a share of it; OCC's integration counts too."""
