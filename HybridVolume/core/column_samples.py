@@ -48,8 +48,11 @@ class ColumnSamples(Protocol):
     def least(self, d: np.ndarray) -> np.ndarray:
         """Smallest det A over the samples of each element, (ne,)."""
 
-    def stiffness(self, share: np.ndarray) -> np.ndarray:
-        """Matrices of the convex part, tr(AᵀA) · 2/3, for one coordinate, (ne, m, m)."""
+    def stiffness(self, d: np.ndarray, eps: float, share: np.ndarray) -> np.ndarray:
+        """Curvature of the energy at d, the same for each coordinate, (ne, m, m).
+
+        Positive semidefinite: that of tr(AᵀA) and of det A, without what couples the coordinates.
+        """
 
 
 def column_samples(
@@ -219,16 +222,33 @@ class PolynomialSamples(_Blocks):
         total = energy.sum(axis=0).reshape(self.shape).sum(axis=1)
         return total * factor[::count], self.scatter(local @ self.basis_t, len(d))
 
-    def stiffness(self, share: np.ndarray) -> np.ndarray:
+    def stiffness(self, d: np.ndarray, eps: float, share: np.ndarray) -> np.ndarray:
         ne, count = self.shape
-        levels = len(self.powers)
-        square = float(self.powers[:, 2].sum())
+        x, x_v, x_u = self._parts(d)
+        factor = np.repeat(share / (count * len(self.powers)), count)
+        metric = np.zeros((6, ne * count))
+        for w in self.powers[:, 1]:
+            j_v, j_u = self.s_v + w * x_v, self.s_u + w * x_u
+            c_v, c_u, c_w = cross(j_u, x), cross(x, j_v), cross(j_v, j_u)
+            trace = self.g_vv * dot(j_v, j_v) + self.g_uu * dot(j_u, j_u)
+            trace += 2.0 * self.g_vu * dot(j_v, j_u) + self.g_ww * dot(x, x)
+            by_trace, by_det = _curvatures(trace, dot(c_w, x) * self.density, eps)
+            by_trace *= factor
+            by_det *= factor * self.density**2
+            metric += [
+                by_trace * self.g_ww + by_det * dot(c_w, c_w),
+                w * w * (by_trace * self.g_vv + by_det * dot(c_v, c_v)),
+                w * w * (by_trace * self.g_uu + by_det * dot(c_u, c_u)),
+                w * w * (by_trace * self.g_vu + by_det * dot(c_v, c_u)),
+                w * by_det * dot(c_v, c_w),
+                w * by_det * dot(c_u, c_w),
+            ]
+        ww, vv, uu, vu, vw, uw = metric.reshape(6, ne, 1, count)
         value, by_v, by_u = (self.basis[:, :, k * count : (k + 1) * count] for k in range(3))
-        g = [a.reshape(ne, 1, count) for a in (self.g_ww, self.g_vv, self.g_uu, self.g_vu)]
-        matrix = (levels * g[0] * value) @ value.transpose(0, 2, 1)
-        matrix += (square * (g[1] * by_v + g[3] * by_u)) @ by_v.transpose(0, 2, 1)
-        matrix += (square * (g[2] * by_u + g[3] * by_v)) @ by_u.transpose(0, 2, 1)
-        return 2.0 / 3.0 * (share / (count * levels))[:, None, None] * matrix
+        matrix = (ww * value + vw * by_v + uw * by_u) @ value.transpose(0, 2, 1)
+        matrix += (vw * value + vv * by_v + vu * by_u) @ by_v.transpose(0, 2, 1)
+        matrix += (uw * value + vu * by_v + uu * by_u) @ by_u.transpose(0, 2, 1)
+        return matrix
 
 
 class RationalSamples(_Blocks):
@@ -314,7 +334,7 @@ class RationalSamples(_Blocks):
     ) -> tuple[np.ndarray, np.ndarray]:
         ne, count = self.shape[0], self.shape[3]
         a = self._columns(d)
-        cofactors = np.stack([cross(a[:, (k + 1) % 3], a[:, (k + 2) % 3]) for k in range(3)], 1)
+        cofactors = _cofactors(a)
         det = dot(a[:, 0], cofactors[:, 0])
         energy, by_trace, by_det = _energy((a * a).sum(axis=(0, 1)), det, eps)
         factor = np.repeat(share / count, count)
@@ -323,24 +343,59 @@ class RationalSamples(_Blocks):
         total = energy.reshape(ne, count).sum(axis=1) * (share / count)
         return total, self.scatter(local @ self.basis.transpose(0, 2, 1), len(d))
 
-    def stiffness(self, share: np.ndarray) -> np.ndarray:
-        factor = 2.0 / 3.0 * share / self.shape[3]
-        return (factor[:, None, None] * self.basis) @ self.basis.transpose(0, 2, 1)
+    def stiffness(self, d: np.ndarray, eps: float, share: np.ndarray) -> np.ndarray:
+        ne, count = self.shape[0], self.shape[3]
+        a = self._columns(d)
+        cofactors = _cofactors(a)
+        by_trace, by_det = _curvatures((a * a).sum(axis=(0, 1)), dot(a[:, 0], cofactors[:, 0]), eps)
+        factor = np.repeat(share / count, count)
+        metric = np.einsum("ikr,ilr->klr", cofactors, cofactors) * (by_det * factor)
+        for k in range(3):
+            metric[k, k] += by_trace * factor
+        metric = metric.reshape(3, 3, ne, 1, count)
+        basis = self.basis.reshape(ne, -1, 3, count)
+        matrix = np.zeros((ne, basis.shape[1], basis.shape[1]))
+        for k in range(3):
+            row = sum(metric[k, m] * basis[:, :, m] for m in range(3))
+            matrix += row @ basis[:, :, k].transpose(0, 2, 1)
+        return matrix
+
+
+def _cofactors(a: np.ndarray) -> np.ndarray:
+    """Derivatives of det A by A, for (3, 3, rows) arrays of which the second axis is the column."""
+    return np.stack([cross(a[:, (k + 1) % 3], a[:, (k + 2) % 3]) for k in range(3)], 1)
 
 
 def _energy(
     trace: np.ndarray, det: np.ndarray, eps: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Energy of samples from tr(AᵀA) and det A, and its derivatives by them."""
+    root, chi, by_trace, shape, volume = _parts_of_energy(trace, det, eps)
+    by_det = 2.0 * AREA_SHARE * det / chi - (2.0 / 3.0 * shape + volume) / root
+    return shape + volume, by_trace, by_det
+
+
+def _curvatures(trace: np.ndarray, det: np.ndarray, eps: float) -> tuple[np.ndarray, np.ndarray]:
+    """Weights of (dA)² and of (d det A)² in the energy's second derivative, never negative.
+
+    The second is a third of the derivative: cofactors have three rows, and the matrix of one
+    coordinate stands for all of them.
+    """
+    root, chi, by_trace, shape, volume = _parts_of_energy(trace, det, eps)
+    second = 2.0 * AREA_SHARE / chi * (1.0 - 2.0 * det / root)
+    second += (4.0 / 9.0 * shape + volume) / root**2
+    second += (2.0 / 3.0 * shape + volume) * det / root**3
+    return 2.0 * by_trace, np.maximum(second, 0.0) / 3.0
+
+
+def _parts_of_energy(trace: np.ndarray, det: np.ndarray, eps: float) -> tuple[np.ndarray, ...]:
+    """√(ε² + det² A), χ, χ^(-2/3) / 3, and the terms of shape and of volume."""
     root = np.sqrt(eps**2 + det * det)
     # the second form does not cancel where det < 0
     chi = np.where(det > 0, 0.5 * (det + root), 0.5 * eps**2 / (root + np.abs(det)))
     chi = np.maximum(chi, 1e-150)
     by_trace = np.cbrt(chi) ** -2 / 3.0
-    shape = trace * by_trace
-    volume = AREA_SHARE * (1.0 + det * det) / chi
-    by_det = 2.0 * AREA_SHARE * det / chi - (2.0 / 3.0 * shape + volume) / root
-    return shape + volume, by_trace, by_det
+    return root, chi, by_trace, trace * by_trace, AREA_SHARE * (1.0 + det * det) / chi
 
 
 def dot(x: np.ndarray, y: np.ndarray) -> np.ndarray:

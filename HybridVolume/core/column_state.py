@@ -50,6 +50,8 @@ MERGES = (2, 4, 7, 12)
 BACK = 2.5
 """How much farther than its neighbour on a net edge a column may be on its way from one state to
 another."""
+REACH = 3.0
+"""Longest way of a control point in a step, as a share of its shortest net edge."""
 CLOSER = 8
 """Cells a knot span where the inner surface is not proved to be free of crossings."""
 
@@ -128,7 +130,7 @@ class ColumnSpace:
         self._proved: tuple[np.ndarray, Certificate] | None = None
         self._shapes: tuple[ColumnState, np.ndarray] | None = None
         self.level_counts = True  # or only shapes do, where less fidelity is asked for
-        self.reach = 0.3 * self.frame.spacing
+        self.reach = REACH * self.frame.spacing
         self.grids = [TestGrid(surface, cells) for cells in GRIDS]
         # where even the outer surface is cut by its own coarse triangles, they tell nothing
         self.grids = [grid for grid in self.grids if grid.outer_embedded] or self.grids[-1:]

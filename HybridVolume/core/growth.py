@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from .. import errors
 from . import bspline
-from .column_state import ColumnSpace, ColumnState
+from .column_state import OFTEN, ColumnSpace, ColumnState
 from .companion import carried, companion, needs_companion
 from .contacts import Planes
 from .goals import Thickness, goal_levels, usable_level
@@ -291,6 +291,8 @@ class _Grower(ColumnSpace):
             hopeless = len(bad) > 0.3 * self.surface.element_count or since > PATIENCE
             if not len(bad) or hopeless:
                 break
+            # what folds between its samples needs more of them
+            self.failures[state.unproved] += 1
             near = self.around(bad, 2 + number)
             d = state.d
             # overlap is no matter of shape: only a thinner shell cures it
@@ -305,11 +307,29 @@ class _Grower(ColumnSpace):
     def thin_start(self) -> tuple[ColumnState | None, ColumnState]:
         """The thickest of the thin straight shells that is proved, and the last one tried."""
         spacing = self.frame.smooth(self.frame.spacing, 3, least=True)
+        tried = []
         for share in THIN_STARTS:
             state = self.check(self.rest + (share * spacing)[:, None] * self.frame.direction)
             if state.accepted:
                 return state, state
-        return None, state
+            tried.append(state)
+        return self.thin_mended(min(tried, key=lambda state: len(state.bad))), state
+
+    def thin_mended(self, state: ColumnState) -> ColumnState | None:
+        """A thin shell that is wrong in few places, mended there; None where that fails.
+
+        Where the surface is singular the directions of the columns around decide, however short
+        they are.
+        """
+        for number in range(REPAIRS):
+            bad = state.bad
+            if not len(bad) or len(bad) > MANY * self.surface.element_count:
+                break
+            self.failures[state.unproved] = OFTEN
+            free = self.around(bad, 2 + number) > 0
+            energy = self.energy(state.d, np.zeros(len(state.d)), 0.0, free=free)
+            state = self.check(optimise(energy, self.reach, rounds=6, steps=40))
+        return state if state.accepted else None
 
     def grow(self, goal: np.ndarray) -> ColumnState:
         """Grow from a thin start.

@@ -32,6 +32,10 @@ STEEP = 3.0
 """What is added to that share where the level rises as usual."""
 FINE = np.linspace(0.0, 1.0, 5)
 """Such places in elements that are watched more closely; rational ones are not quadratic."""
+REFRESHED = 5
+"""Steps after which the preconditioner is made anew."""
+SHORT = 0.5
+"""Share of its length to which a step is cut from which on the steps before it are forgotten."""
 BARRIER = 1e-9
 """Regularisation at which an inverted sample costs so much that no step takes it."""
 
@@ -157,30 +161,32 @@ class ColumnEnergy:
         off += np.minimum(w, 0.0) * rate + np.maximum(w - self.target, 0.0) / self.target
         return off, rate
 
-    def preconditioner(self) -> Callable[[np.ndarray], np.ndarray]:
-        """Solver of the energy's convex part: the Dirichlet energy of A and the pull to w = w0.
+    def preconditioner(self, flat: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        """Solver of the energy's curvature at free displacements, and of the pull to w = w0.
 
-        Both act alike on the three coordinates, so one factorisation serves all of them.
+        What couples the three coordinates is left out, and both parts act alike on them, so one
+        factorisation serves all of them. Samples that are nearly flat are stiff: without that
+        their gradients would move everything around.
         """
-        n = len(self.d)
+        n, d = len(self.d), self.displacements(flat)
         rows, columns, values = [], [], []
         for samples, share in zip(self.sets, self.shares, strict=True):
             size = samples.index.shape[1]
             rows.append(np.repeat(samples.index, size, axis=1).ravel())
             columns.append(np.tile(samples.index, (1, size)).ravel())
-            values.append(samples.stiffness(share).ravel())
+            values.append(samples.stiffness(d, self.eps, share).ravel())
         matrix = sparse.csr_matrix(
             (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(n, n)
         )
         if self.fidelity > 0.0:
-            w, slope = self.level(self.d)
+            w, slope = self.level(d)
             steep = np.einsum("li,li->l", slope, slope) * self._off(w)[1] ** 2
             steep *= 2.0 * self.fidelity / n / 3.0
             matrix = matrix + self.nodal_t @ sparse.diags(steep) @ self.nodal
         if self.planes is not None:
             matrix = matrix + self.planes.stiffness()
         matrix = matrix[self.free][:, self.free]
-        matrix = matrix + 1e-12 * matrix.diagonal().mean() * sparse.eye(len(self.free))
+        matrix = matrix + 1e-12 * sparse.diags(matrix.diagonal())
         # positive definite: exchanging rows would only spoil the order and fill the factors
         solve = splu(
             matrix.tocsc(),
@@ -219,7 +225,6 @@ class ColumnEnergy:
 def minimise(
     energy: ColumnEnergy,
     start: np.ndarray,
-    precondition: Callable[[np.ndarray], np.ndarray],
     reach: np.ndarray,
     steps: int,
     tolerance: float = 1e-4,
@@ -230,8 +235,6 @@ def minimise(
     ----------
     energy : ColumnEnergy
     start : (3 n,) array
-    precondition : callable
-        Approximate inverse of the Hessian.
     reach : (n,) array
         Longest way of each control point in one step, mm: a long step could jump over inverted
         states between two samples.
@@ -248,7 +251,9 @@ def minimise(
     value, gradient = energy(x)
     pairs: list[tuple[np.ndarray, np.ndarray, float]] = []
     values = [value]
-    for _ in range(steps):
+    for number in range(steps):
+        if number % REFRESHED == 0:
+            precondition = energy.preconditioner(x)
         direction = -_two_loop(gradient, pairs, precondition)
         slope = float(gradient @ direction)
         if slope >= 0.0:
@@ -258,7 +263,8 @@ def minimise(
             if slope >= 0.0:
                 break
         moves = np.linalg.norm(direction.reshape(-1, 3), axis=1)
-        length = min(1.0, float((reach / np.maximum(moves, 1e-300)).min()))
+        longest = min(1.0, float((reach / np.maximum(moves, 1e-300)).min()))
+        length = longest
         for _ in range(25):
             trial = x + length * direction
             new_value, new_gradient = energy(trial)
@@ -270,7 +276,10 @@ def minimise(
         else:
             break
         s, y = trial - x, new_gradient - gradient
-        if float(s @ y) > 1e-12 * np.linalg.norm(s) * np.linalg.norm(y):
+        if longest < SHORT:
+            # such a step tells little about the curvature along the whole of it
+            pairs.clear()
+        elif float(s @ y) > 1e-12 * np.linalg.norm(s) * np.linalg.norm(y):
             pairs = [*pairs[-11:], (s, y, 1.0 / float(s @ y))]
         x, value, gradient = trial, new_value, new_gradient
         values.append(value)
@@ -317,11 +326,10 @@ def optimise(
     flat = energy.start()
     least = energy.least_determinant(flat)
     energy.eps = BARRIER if least > 0 else 1.0
-    precondition = energy.preconditioner()
     for _ in range(rounds):
         if least <= 0:
             energy.eps = min(max(0.5 * abs(least), 1e-6), 0.7 * energy.eps)
-        flat = minimise(energy, flat, precondition, reach[energy.free], steps)
+        flat = minimise(energy, flat, reach[energy.free], steps)
         polished = energy.eps == BARRIER
         least = energy.least_determinant(flat)
         logger.debug("eps %.2g, least determinant %.3g", energy.eps, least)

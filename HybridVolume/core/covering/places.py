@@ -24,7 +24,7 @@ LEAST = 0.1
 """Shortest step between corners, as a share of the wanted one."""
 UNEVEN = 2.0
 """Lengths beside each other may differ by this factor for the sake of even parameters."""
-BESIDE = 0.05
+BESIDE = 0.25
 """Corners that are nearer to a knot than this share of the shortest step stand on it."""
 
 
