@@ -297,6 +297,9 @@ def decide(
     nearest = np.full(count, np.inf)  # least coefficient of the boxes at excused places
     if excused is not None:
         coefficients, slack = without_excused(coefficients, bound, excused)
+        # at a share x of the element away from the places the excused polynomials' sum B is at
+        # most (1 - x)^n, so B > c / (c + slack) only where x < slack / (n c)
+        fall = min(coefficients.shape[:3]) - 1
     root = watched_coefficients(coefficients, excused).min(axis=(0, 1, 2)) - bound
     lower = np.full(count, np.inf)
     deepest = 0
@@ -352,7 +355,7 @@ def decide(
     lower = np.where(invalid, root, np.maximum(lower, root))
     if excused is not None:
         proved = excused.any(axis=(0, 1)) & (status == VALID)
-        inside = proved & (slack <= _NEIGHBOURHOOD * nearest)
+        inside = proved & (slack <= _NEIGHBOURHOOD * fall * nearest)
         status[proved], lower[proved] = UNDECIDED, -slack[proved]
         status[inside], lower[inside] = VALID_INSIDE, 0.0
     return status, lower, deepest
