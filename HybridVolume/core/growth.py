@@ -250,7 +250,15 @@ class _Grower(ColumnSpace):
         if not needs_companion(self.surface):
             return None
         low = companion(self.surface)
-        grower = _Grower(low, self.field, self.degree_w, lambda share, text: None)
+        grower = _Grower(
+            low,
+            self.field,
+            self.degree_w,
+            lambda share, text: self.report(0.3, f"columns of low degree: {text}"),
+        )
+        # where sides touch those of low degree may cross: then nothing is to be had from them
+        if grower.thin_start()[0] is None:
+            return None
         near = cKDTree(self.frame.nodes).query(grower.frame.nodes)[1]
         found = grower.from_front(goal[near])
         if found is None:
@@ -291,6 +299,7 @@ class _Grower(ColumnSpace):
             hopeless = len(bad) > 0.3 * self.surface.element_count or since > PATIENCE
             if not len(bad) or hopeless:
                 break
+            self.report(0.3, f"{len(bad)} folded or crossing elements, w = {state.mean:.3g}")
             # what folds between its samples needs more of them
             self.failures[state.unproved] += 1
             near = self.around(bad, 2 + number)

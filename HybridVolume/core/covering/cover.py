@@ -53,6 +53,8 @@ MOST_UNMESHED = 3
 """So often a mesher may leave faces out."""
 FINER = 1.5
 """Quads that are folded or slivers become so many times smaller."""
+SAFE = 0.85
+"""Share of the tolerance that samples must keep to: between them patches may be farther away."""
 MANY_POINTS = 100
 """More control points a quad, on average, than this (a bicubic patch has 16) are too many for the
 shell: then only edges with simple curves are exact."""
@@ -312,12 +314,13 @@ class _Search:
         cover = trial.cover
         off = deviations(trial.found, trial.nets, self.geometry, self.curves)
         np.maximum.at(trial.deviation, cover.face, off)
-        trial.factor = np.where(off > self.tolerance, growth(off, self.tolerance), 1.0)
+        aim = SAFE * self.tolerance
+        trial.factor = np.where(off > aim, growth(off, aim), 1.0)
         self._worst.append(float(off.max()))
-        if self._worst[-1] > self.tolerance:
+        if self._worst[-1] > aim:
             self._failure = InputError(
                 f"patches miss faces by up to {self._worst[-1]:.2g} mm",
-                faces=_names(np.flatnonzero(trial.deviation > self.tolerance)),
+                faces=_names(np.flatnonzero(trial.deviation > aim)),
                 figure=self._worst[-1],
                 remedy="allow a larger deviation, or simplify these faces in the CAD program",
             )
@@ -374,7 +377,7 @@ class _Search:
         """More intervals where quads are bad; ``shrink``: smaller quads inside faces, too."""
         worst = self._worst
         # a finer mesh may be worse somewhere else: three in a row may not
-        if len(worst) > 5 and min(worst[-3:]) > max(self.tolerance, 0.9 * min(worst[:-3])):
+        if len(worst) > 5 and min(worst[-3:]) > max(SAFE * self.tolerance, 0.9 * min(worst[:-3])):
             raise self.failed("and finer quads come no nearer")
         cover = trial.cover
         bad = np.unique(cover.face[trial.factor > 1.0])
