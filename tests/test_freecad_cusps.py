@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: LGPL-2.1-or-later
 # SPDX-FileCopyrightText: The HybridVolume authors
-"""A chamfered nut whose chamfer touches its flats: corners of 0 degrees."""
+"""Faces with corners of 0 degrees: a nut whose chamfer touches its flats, a vanishing chamfer."""
 
 import numpy as np
 import pytest
 
+import HybridVolume
 from HybridVolume import errors
 from HybridVolume.core.assembly import build_surface
 from HybridVolume.core.check import check_surface
@@ -58,3 +59,30 @@ def test_a_nut_with_cusps_is_covered():
     }
     assert surface.volume() == pytest.approx(volume(), rel=1e-6)
     assert found.deviation.max() < 1e-5 * solid.BoundBox.DiagonalLength
+
+
+def vanishing_chamfer():
+    """A block of 20 x 10 x 10 mm; its chamfer begins as a point, 0.04 x² wide, and ends at x = 10.
+
+    Its two edges are parabolas that touch each other, and the block's edge, in that point.
+    """
+
+    def at(x, t):
+        return FreeCAD.Vector(x, -5.0, t - 5.0)  # t is z - y
+
+    curve = Part.BezierCurve()
+    curve.setPoles([at(0.0, 10.0), at(6.0, 10.0), at(12.0, 10.0 - 0.04 * 144.0)])
+    corners = [at(12.0, 10.0 - 0.04 * 144.0), at(12.0, 20.0), at(0.0, 20.0), at(0.0, 10.0)]
+    lines = [Part.makeLine(a, b) for a, b in zip(corners[:-1], corners[1:], strict=True)]
+    knife = Part.Face(Part.Wire([curve.toShape(), *lines])).extrude(FreeCAD.Vector(0, 20, 20))
+    return Part.makeBox(20, 10, 10, FreeCAD.Vector(-10, 0, 0)).cut(knife).Solids[0]
+
+
+def test_a_body_with_a_cusp_is_completed(python, monkeypatch):
+    monkeypatch.setenv("HYBRIDVOLUME_PYTHON", python)
+    volume = HybridVolume.complete(vanishing_chamfer())
+    assert volume.certificate.all_valid and volume.certificate.valid == volume.shell.element_count
+    # the chamfer takes triangles with legs of 0.04 x²: 0.04² 10⁵ / 10 of the block's 2000 mm³
+    assert volume.surface.volume() == pytest.approx(2000.0 - 16.0, rel=1e-6)
+    assert volume.shell.w0 > 0.4
+    assert volume.fem.min_scaled_jacobian > 0.0
