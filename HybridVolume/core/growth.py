@@ -130,7 +130,13 @@ class _Grower(ColumnSpace):
             wanted = self.check(optimise(energy, self.reach, rounds=2, steps=30))
             if len(wanted.bad) < least:
                 fewest, least = wanted, len(wanted.bad)
-        return (fewest if fewest.accepted else self.merged(sound, fewest)), planes
+        if fewest.accepted:
+            return fewest, planes
+        # far from the sound state the mixture may hold only where next to nothing is taken; on the
+        # way back from the wanted one all columns but those concerned come along
+        mixed = [self.merged(sound, fewest), self.blended(sound, fewest)]
+        mixed = [state for state in mixed if state.accepted] or mixed[:1]
+        return min(mixed, key=lambda state: self.fault(state, goal)), planes
 
     def stages(self, best: ColumnState, goal: np.ndarray) -> ColumnState:
         """Draw a sound state to its levels, ever more strongly."""

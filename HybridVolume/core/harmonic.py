@@ -22,6 +22,11 @@ from .tetmesh import TetMesh
 
 log = logging.getLogger(__name__)
 
+TETS = 40_000
+"""Tetrahedra aimed at."""
+TETS_A_HANDLE = 600
+"""So many for each handle: in coarser fields isosurfaces close holes at low levels already."""
+
 # Points are inside a tetrahedron down to this barycentric coordinate.
 INSIDE = -1e-6
 
@@ -212,7 +217,7 @@ def solve_harmonic(
     surface: PatchSurface,
     midstructure: Midstructure,
     *,
-    tets: int = 40_000,
+    tets: int = 0,
     engine: str = "auto",
     free: bool | None = None,
     time_limit: float = 15.0,
@@ -224,7 +229,8 @@ def solve_harmonic(
     surface : PatchSurface
     midstructure : Midstructure
     tets : int
-        Tetrahedra aimed at.
+        Tetrahedra aimed at; 0: `TETS`, or `TETS_A_HANDLE` for each of the body's handles where
+        these are more.
     engine : {"auto", "gmsh", "netgen", "pytetwild"}
     free : bool, optional
         Use nothing under the GPL.
@@ -238,6 +244,7 @@ def solve_harmonic(
     FaultError
         The linear system cannot be solved.
     """
+    tets = tets or max(TETS, TETS_A_HANDLE * sum(surface.genus))
     domain = build_domain(
         surface, midstructure, tets=tets, engine=engine, free=free, time_limit=time_limit
     )

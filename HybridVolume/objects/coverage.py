@@ -116,9 +116,16 @@ class Coverage:
         told = []
         missed = [name for name in self.lost if name not in {*self.inside, *self.crowded}]
         if missed:
+            # OCC takes a face's tolerance for one of parameters too, and loses nodes that are
+            # nearer to a border by that
+            remedy = (
+                "cover the body with a smaller tolerance"
+                if {*missed} & {*self.widened}
+                else "a body in larger units may help"
+            )
             told.append(
                 f"FreeCAD does not find every node of the mesh on {_listed(missed)}: loads and"
-                " supports on them would be incomplete; a body in larger units may help"
+                f" supports on them would be incomplete; {remedy}"
             )
         if self.crowded:
             told.append(
@@ -273,11 +280,12 @@ def _widened(
     needed: dict[str, float] = {}
     copy, wider = None, found
     for _ in range(_ROUNDS):
-        # faces after the first bad one are looked at in full only once that one is mended
+        # faces after the first bad one are looked at in full only once that one is mended; where
+        # patches are beside a face, nodes on its border may be farther away than measured
         missed = {
             name: max(off, outside.get(name, 0.0))
             for name, off in _off(arrays, wider.missed, shape, wider.bad).items()
-            if name not in beside
+            if copy is not None or name not in beside
         }
         more = {k: v for k, v in {**missed, **wider.off}.items() if 2.0 * v <= widest}
         # of few nodes that were looked for first, others may be farther

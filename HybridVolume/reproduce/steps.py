@@ -45,7 +45,7 @@ ALONE = ("tesla_t_junctions.step", "moebius_torus.step")
 SOLIDS = {"as1": 18}
 """Bodies in files that have more than one."""
 SUFFIXES = (".step", ".stp", ".brep", ".brp")
-SECONDS = 600.0
+SECONDS = 1200.0
 """Of the processor, for a body: more than covering may take, so that its refusal is told."""
 MEMORY = 8 << 30
 """Bytes of address space of each process."""
