@@ -50,6 +50,11 @@ _ROOM = (2.0, 1.1)
 """Tolerances that are tried, as multiples of the distances of nodes: the next one where a face
 would take nodes of its neighbours."""
 
+_NARROWER = (0.7, 0.5, 0.35)
+"""Shares of these tolerances that are tried for faces on which nodes are missed all the same. OCC
+takes a face's tolerance for one of its parameters too, and loses nodes that are nearer to the
+border by that; nodes are often nearer than they were measured at their own parameters."""
+
 
 @dataclass(frozen=True)
 class Coverage:
@@ -116,8 +121,6 @@ class Coverage:
         told = []
         missed = [name for name in self.lost if name not in {*self.inside, *self.crowded}]
         if missed:
-            # OCC takes a face's tolerance for one of parameters too, and loses nodes that are
-            # nearer to a border by that
             remedy = (
                 "cover the body with a smaller tolerance"
                 if {*missed} & {*self.widened}
@@ -302,6 +305,14 @@ def _widened(
             break
     if copy is None:
         return None, None
+    for share in _NARROWER:
+        less = {name: share * needed[name] for name in wider.bad if name in needed}
+        if not less:
+            break
+        trial, other = _copy_with(search, shape, needed | less, beside)
+        if len(other.bad) < len(wider.bad) and len(other.strangers) <= len(wider.strangers):
+            copy, wider = trial, other
+            needed |= {name: value for name, value in less.items() if name not in other.bad}
     if wider.strangers and not beside:
         # some nodes that are missed do less harm than loads on neighbours
         return None, None

@@ -124,8 +124,9 @@ class Search:
             border = self._border()
             share = max(4, BORDER_NODES // max(1, len(self.known)))
             for name, nodes in self.known.items():
-                own = spread_out(np.intersect1d(nodes, border), share)
-                sample[name] = np.union1d(sample[name], own)
+                own = np.intersect1d(nodes, border)
+                near = self._nearest(np.setdiff1d(nodes, own), own)[:share]
+                sample[name] = np.union1d(sample[name], [*spread_out(own, share), *near])
         looked, total = 0, sum(map(len, self.known.values()))
         names = list(self.known)
         first = [names[k] for k in spread_out(np.arange(len(names)), SAMPLED_FACES)]
@@ -150,6 +151,17 @@ class Search:
         """Nodes on more than one face."""
         every, times = np.unique(np.concatenate(list(self.known.values())), return_counts=True)
         return every[times > 1]
+
+    def _nearest(self, nodes: np.ndarray, border: np.ndarray) -> np.ndarray:
+        """Nodes inside a face, those first that are nearest to nodes on its border.
+
+        OCC loses some that are nearer than the face's tolerance, which it takes for one of the
+        surface's parameters as well.
+        """
+        if not len(border):
+            return nodes
+        points = self.arrays.nodes
+        return nodes[np.argsort(spatial.cKDTree(points[border]).query(points[nodes])[0])]
 
     def _missing(self, name: str, nodes: np.ndarray) -> bool:
         missed = np.setdiff1d(nodes, self._find(name, "Face", nodes))
