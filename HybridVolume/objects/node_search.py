@@ -126,7 +126,8 @@ class Search:
             for name, nodes in self.known.items():
                 own = np.intersect1d(nodes, border)
                 near = self._nearest(np.setdiff1d(nodes, own), own)[:share]
-                sample[name] = np.union1d(sample[name], [*spread_out(own, share), *near])
+                own = np.concatenate([spread_out(own, share), near])
+                sample[name] = np.union1d(sample[name], own)
         looked, total = 0, sum(map(len, self.known.values()))
         names = list(self.known)
         first = [names[k] for k in spread_out(np.arange(len(names)), SAMPLED_FACES)]
