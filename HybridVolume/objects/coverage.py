@@ -20,7 +20,7 @@ import Part
 
 from HybridVolume.errors import FaultError
 
-from .face_boxes import in_boxes
+from .face_boxes import by_length, in_boxes
 from .fem_mesh import MeshArrays
 from .node_places import Places
 from .node_search import SAMPLED_NODES, Found, Search, far, number_of, spread_out
@@ -93,6 +93,8 @@ class Coverage:
     converted : tuple of str
         Faces that are B-spline faces in the copy, because FreeCAD looks for nodes in a box that is
         smaller than the face as it was.
+    relaid : tuple of str
+        Faces whose parameters are lengths in the copy, because OCC misses places on them else.
     """
 
     copy: Any | None
@@ -109,6 +111,7 @@ class Coverage:
     crowded: tuple[str, ...] = ()
     widened: tuple[str, ...] = ()
     converted: tuple[str, ...] = ()
+    relaid: tuple[str, ...] = ()
 
     @property
     def notes(self) -> list[str]:
@@ -153,6 +156,12 @@ class Coverage:
                 f"loads and supports go on a copy of the body: {_listed(self.converted)}"
                 f" {'is a B-spline face' if one else 'are B-spline faces'} there, for FreeCAD looks"
                 f" for nodes in a box that is smaller than the {'face' if one else 'faces'}"
+            )
+        if self.relaid:
+            told.append(
+                f"loads and supports go on a copy of the body: {_listed(self.relaid)}"
+                f" {'has' if len(self.relaid) == 1 else 'have'} lengths as parameters there, for"
+                " FreeCAD does not find every node otherwise"
             )
         return told
 
@@ -211,10 +220,18 @@ def cover(
     covered = places is not None and places.body.cover is not None
     search = partial(Search, arrays, known, seconds=seconds, covered=covered)
     found = search(shape, spread=places is not None).result
+    relaid: list[str] = []
+    measured_bad = [name for name in found.bad if measured[name] < shape.getTolerance(1, Part.Face)]
+    other = by_length(shape, measured_bad) if places is not None and measured_bad else None
+    if other is not None:
+        again = search(other, spread=True).result
+        if len(again.bad) < len(found.bad) and len(again.lost) <= len(found.lost):
+            relaid = [name for name in measured_bad if name not in again.bad]
+            shape, found = other, again
     # not only just within the tolerance
     allowed = {f"Face{n}": 0.9 * face.Tolerance for n, face in enumerate(shape.Faces, start=1)}
     beside = {name: value for name, value in measured.items() if value >= allowed[name]}
-    copy, widened = shape if converted else None, []
+    copy, widened = shape if converted or relaid else None, []
     if beside or found.bad or found.lost or outside:
         slack = BEYOND * places.tolerance if places is not None else 0.0
         widest = max(WIDEST * shape.BoundBox.DiagonalLength, slack)
@@ -261,6 +278,7 @@ def cover(
         crowded=tuple(crowded),
         widened=tuple(widened),
         converted=tuple(converted),
+        relaid=tuple(relaid),
     )
     for note in coverage.warnings:
         logger.warning("%s", note)

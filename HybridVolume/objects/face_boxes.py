@@ -9,7 +9,7 @@ out of its box by 0.05 mm. Boxes of B-spline surfaces hold all their poles.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -97,6 +97,63 @@ def _with_splines(shape: Any, names: list[str]) -> Any | None:
         if solid.isValid() and _is_same(shape, solid):
             return solid
     return splines
+
+
+def by_length(shape: Any, names: Iterable[str]) -> Any | None:
+    """A copy in which B-spline faces without holes have lengths in mm as their parameters.
+
+    OCC misses places on faces whose parameters are far from lengths, however near the places are:
+    14 of 189 nodes on a face of .03 mm over the unit square.
+
+    Parameters
+    ----------
+    shape : Part.Shape
+    names : iterable of str
+        Faces ``FaceN``; those with holes, or no B-spline faces, stay as they are.
+
+    Returns
+    -------
+    Part.Shape or None
+        With the same numbers of faces, edges and vertices; None where nothing could be changed.
+    """
+    # of copied edges, for curves on the new surfaces are added to them
+    own = shape.copy()
+    faces, pairs = own.Faces, []
+    for name in names:
+        face = _face(faces, name)
+        if face.Surface.TypeId != _SPLINES[0] or len(face.Wires) > 1:
+            continue
+        pairs.append((face, Part.Face(_of_lengths(face.Surface), face.OuterWire)))
+    if not pairs:
+        return None
+    copy = own.replaceShape(pairs).copy()
+    widest = shape.getTolerance(1)
+    copy.fix(widest, widest, 10.0 * widest)
+    sound = copy.isValid() and abs(copy.Volume - shape.Volume) < 1e-6 * abs(shape.Volume)
+    return copy if sound and _is_same(shape, copy) else None
+
+
+def _of_lengths(surface: Any) -> Any:
+    """The same B-spline surface with parameters as long as the lines in its middle."""
+    low_u, high_u, low_v, high_v = surface.bounds()
+    along = [surface.vIso(0.5 * (low_v + high_v)), surface.uIso(0.5 * (low_u + high_u))]
+    knots = [np.array(surface.getUKnots()), np.array(surface.getVKnots())]
+    for axis in (0, 1):
+        knots[axis] *= along[axis].toShape().Length / np.ptp(knots[axis])
+    made = Part.BSplineSurface()
+    made.buildFromPolesMultsKnots(
+        surface.getPoles(),
+        surface.getUMultiplicities(),
+        surface.getVMultiplicities(),
+        knots[0].tolist(),
+        knots[1].tolist(),
+        surface.isUPeriodic(),
+        surface.isVPeriodic(),
+        surface.UDegree,
+        surface.VDegree,
+        surface.getWeights(),
+    )
+    return made
 
 
 def _is_same(shape: Any, copy: Any) -> bool:
