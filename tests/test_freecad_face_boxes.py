@@ -20,6 +20,7 @@ import Part
 
 from HybridVolume.objects import node_search
 from HybridVolume.objects.coverage import cover
+from HybridVolume.objects.face_boxes import by_length
 from HybridVolume.objects.fem_mesh import MeshArrays, build
 from HybridVolume.sources.distances import surface_distances
 
@@ -107,3 +108,18 @@ def test_nodes_beside_the_border_of_a_plane_are_found(cam, monkeypatch):
         own = np.unique(arrays.faces[f"Face{number}"][1]) + 1
         assert set(own.tolist()) <= set(mesh.getNodesByFace(face))
     assert found.lost == () and 2e-5 < found.tolerance < 1e-4
+
+
+def test_parameters_become_lengths_and_nothing_else_changes():
+    quarter = Part.makeCylinder(5.0, 10.0, FreeCAD.Vector(), FreeCAD.Vector(0, 0, 1), 90.0)
+    # the round face last: the others number the edges
+    faces = sorted(quarter.Faces, key=lambda face: face.Surface.TypeId == "Part::GeomCylinder")
+    solid = Part.Solid(Part.Shell(faces)).toNurbs().Solids[0]
+    assert np.ptp(solid.Faces[4].ParameterRange[:2]) == pytest.approx(np.pi / 2)
+    copy = by_length(solid, ["Face5"])
+    low_u, high_u, low_v, high_v = copy.Faces[4].ParameterRange
+    assert [high_u - low_u, high_v - low_v] == pytest.approx([2.5 * np.pi, 10.0], rel=1e-6)
+    assert copy.isValid() and copy.Volume == pytest.approx(62.5 * np.pi, rel=1e-6)
+    assert [len(copy.Faces), len(copy.Edges), len(copy.Vertexes)] == [5, 9, 6]
+    # the body itself keeps its parameters
+    assert np.ptp(solid.Faces[4].ParameterRange[:2]) == pytest.approx(np.pi / 2)

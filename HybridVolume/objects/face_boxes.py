@@ -114,7 +114,8 @@ def by_length(shape: Any, names: Iterable[str]) -> Any | None:
     Returns
     -------
     Part.Shape or None
-        With the same numbers of faces, edges and vertices; None where nothing could be changed.
+        With the same numbers of faces, edges and vertices; None where nothing could be changed,
+        or the numbers would.
     """
     # of copied edges, for curves on the new surfaces are added to them
     own = shape.copy()

@@ -319,7 +319,7 @@ class _Search:
         self._worst.append(float(off.max()))
         if self._worst[-1] > aim:
             self._failure = InputError(
-                f"patches miss faces by up to {self._worst[-1]:.2g} mm",
+                f"patches miss faces by up to {self._worst[-1]:.2g} mm, {aim:.2g} mm are allowed",
                 faces=_names(np.flatnonzero(trial.deviation > aim)),
                 figure=self._worst[-1],
                 remedy="allow a larger deviation, or simplify these faces in the CAD program",
